@@ -29,7 +29,7 @@ from flexstage.hysteresis import (
     PrandtlIshlinskii,
     Preisach,
 )
-from flexstage.hysteresis.chain.fitted_segments import forcing
+from flexstage.hysteresis.chain.element import forcing
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.model import HysteresisModel
 

@@ -26,8 +26,8 @@ from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.identification.chain_search import find_chain
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
-from flexstage.hysteresis.identification.misfit import cross_validate, misfit
 from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fit_data, fits
+from flexstage.hysteresis.identification.residuals import cross_validate, residuals
 from flexstage.hysteresis.models.bouc_wen.fit import BoucWenFit, shape_at
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.records import Channel, Record
@@ -221,7 +221,7 @@ def bouc_wen(count: int = SAMPLES, starts: int = STARTS) -> Iterator[Row]:
     begins = draw.uniform(BOUNDS[0], BOUNDS[1], (starts, 4))
 
     def ours(begin: Array) -> float:
-        left = misfit(BoucWenFit().fit(data, begin[:2]).model, data).at(data.use)
+        left = residuals(BoucWenFit().fit(data, begin[:2]).model, data).at(data.use)
         return float(np.sqrt(np.mean(left**2))) / data.stroke
 
     def within(begin: Array) -> float:

@@ -128,7 +128,7 @@ def _pointer(array: Array) -> ctypes.c_void_p:
 
 def table(segments: Segments) -> Array:
     """Return pieces as C returns them, shape (m, 5)."""
-    return np.stack(segments.numbers, axis=1)
+    return np.stack(segments.arrays, axis=1)
 
 
 def walk(seed: int, count: int, low: float = -31.0, high: float = 139.0) -> Array:

@@ -10,7 +10,7 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis import MODELS, BoucWen, Dahl
-from flexstage.hysteresis.chain.stage_modes import values_at_samples
+from flexstage.hysteresis.chain.element import values_at_samples
 from flexstage.hysteresis.model import Array, HysteresisModel
 from flexstage.hysteresis.models.registry import hysteresis_code
 from tests.c_hysteresis import (
@@ -54,7 +54,9 @@ def test_a_model_of_an_unknown_kind_is_refused_by_name() -> None:
     class Other(BoucWen):
         kind = "other"
 
-    with pytest.raises(ModelError, match="no C for hysteresis of the kind 'other': take one of"):
+    with pytest.raises(
+        ModelError, match="no C code for hysteresis of the kind 'other': use one of"
+    ):
         hysteresis_code(Other(gain=1.0, hysteresis_gain=0.3, beta=0.1, gamma=0.02))
 
 

@@ -436,7 +436,7 @@ def test_sensor_does_not_depend_on_how_a_record_is_cut() -> None:
         (lambda: Amplifier(bandwidth_hz=1.0, capacitance=-1.0), "capacitance"),
         (lambda: Sensor(gain=0.0), "gain of a sensor"),
         (lambda: Sensor(noise_rms=-1.0), "noise_rms"),
-        (lambda: Sensor(bandwidth_hz=0.0), "leave it out"),
+        (lambda: Sensor(bandwidth_hz=0.0), "omit it for none"),
         (lambda: Lag().simulate([1.0], 0.0), "step between samples"),
         (lambda: Lag().simulate([1.0, math.nan], 0.1), "sample 1"),
         (lambda: Lag(delay=0.3).simulate([1.0], 0.1, [1.0, 2.0]), "state of a lag is"),

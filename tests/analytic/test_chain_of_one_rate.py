@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from flexstage.hysteresis import DriveModel, LogCreep, PrandtlIshlinskii
-from flexstage.hysteresis.drive_model import Start, ValidityRange
+from flexstage.hysteresis.chain.creep import Start
+from flexstage.hysteresis.drive_model import ValidityRange
 from flexstage.hysteresis.identification.chain_search import find_chain, find_starts
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.measurement import measurement

@@ -24,7 +24,7 @@ from flexstage.hysteresis import (
     Duhem,
     GeneralisedBoucWen,
 )
-from flexstage.hysteresis.chain.fitted_segments import fitted_segments, forcing
+from flexstage.hysteresis.chain.element import fitted_segments, forcing
 from flexstage.hysteresis.chain.lag import lags_through_segments
 from flexstage.hysteresis.chain.modal import modes_through_segments, unit_step
 from flexstage.hysteresis.chain.stage_modes import StageModes

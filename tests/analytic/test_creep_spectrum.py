@@ -8,7 +8,7 @@ from flexstage.hysteresis import PrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.element import Complex
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
+from flexstage.hysteresis.identification.chain_residual import with_spectrum
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.measurement import IdentificationData, measurement
 from flexstage.hysteresis.model import Array

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from flexstage.hysteresis import DriveModel, LogCreep, PrandtlIshlinskii
-from flexstage.hysteresis.drive_model import Start, start_in_words
+from flexstage.hysteresis.chain.creep import Start
+from flexstage.hysteresis.drive_model import start_in_words
 
 DT = 0.01
 COMMANDS = 5.0 - 4.0 * np.cos(2.0 * np.pi * DT * np.arange(1000))

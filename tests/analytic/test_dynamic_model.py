@@ -109,9 +109,9 @@ def test_modes_left_out_are_kept_at_rest(stage) -> None:
     slow = {name: u * (1.0 - np.cos(np.arange(900) * 2e-3)) for name, u in value.items()}
     wanted, found = full.simulate(slow).readings, few.simulate(slow).readings
     for probe in wanted:
-        # 3 Hz is far below the modes that were left out
+        # 3 Hz is far below the omitted modes
         assert np.abs(found[probe] - wanted[probe]).max() < 1e-5 * np.ptp(wanted[probe])
-    assert any("7 of " in n and "modes are kept" in n for n in few.notes)
+    assert any("7 of " in n and "modes are included" in n for n in few.notes)
 
 
 def test_the_usual_hysteresis_has_the_stroke_and_the_width() -> None:
@@ -158,14 +158,14 @@ def test_an_identified_drive_reads_at_rest_what_it_was_identified_to() -> None:
     assert read["x"][1] == pytest.approx(1e-6 * w, rel=1e-9)
     assert model.drive("x").creep is drive.creep
     assert model.drive("y").hysteresis is None
-    assert any("left out" in note for note in model.notes)
+    assert any("their identified delay" in note for note in model.notes)
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         ({"hysteresis": {"z": usual_hysteresis(_STAGE.drives[0])}}, "no piezo stack"),
-        ({"hysteresis": {"x": _identified(output_unit="V")}}, "must go from V"),
+        ({"hysteresis": {"x": _identified(output_unit="V")}}, "must be from V"),
         ({"hysteresis": {"x": _identified(output_unit="mm")}}, "free stroke"),
         ({"hysteresis": "typical"}, "usual or none"),
         ({"time_step": 0.0}, "must be from 1e-12 to"),
@@ -181,13 +181,13 @@ def test_what_cannot_be_handed_on_is_refused(change, said) -> None:
 
 def test_commands_and_voltages_that_cannot_be_are_refused() -> None:
     model: DynamicModel = dynamic_model(_STAGE, _SYSTEM)
-    with pytest.raises(ModelError, match="equally long"):
+    with pytest.raises(ModelError, match="same length"):
         model.simulate({"x": [1.0, 2.0], "y": [1.0]})
     for what in (model.settled, model.simulate):
         with pytest.raises(ModelError, match="has no drive 'q'"):
             what({"q": 1.0})
     with pytest.raises(
-        ModelError, match=r"gets 121 V at sample 1, and its stack allows 0 to 120 V"
+        ModelError, match=r"is 121 V at sample 1, outside the range of its stack, 0 to 120 V"
     ):
         model.simulate({"x": [3.0, 121.0]})
 

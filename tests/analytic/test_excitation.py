@@ -14,10 +14,15 @@ from scipy.signal import lfilter
 from flexstage.base.errors import ModelError
 from flexstage.files.request import request_fields
 from flexstage.hysteresis.excitations.design import Excitation, excitation
-from flexstage.hysteresis.excitations.excitation import Movement, memory_coverage, multisine
-from flexstage.hysteresis.excitations.segments import ExcitationDesign, fitted, shortest
+from flexstage.hysteresis.excitations.excitation import memory_coverage, multisine
+from flexstage.hysteresis.excitations.segments import (
+    ExcitationDesign,
+    Movement,
+    design_within_limits,
+    shortest,
+)
 from flexstage.hysteresis.identification.cycles import cycles
-from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.preisach.law import preisach_columns
 from flexstage.hysteresis.requests import AmplifierLimits, ExciteRequest
 from flexstage.records import Record
@@ -123,7 +128,7 @@ def test_every_limit_holds_at_every_sample(
             hold_time=1.3,
         )
     except ModelError as error:
-        if duration is None or "take at least" not in str(error):
+        if duration is None or "need at least" not in str(error):
             raise
         return
     u = e.voltage
@@ -234,7 +239,7 @@ def test_the_multisine_is_small_and_around_the_natural_frequency():
         frequency=83.0,
         hold_time=0.0,
     )
-    assert "too small to be seen" in " ".join(none.warnings)
+    assert "which is too small" in " ".join(none.warnings)
     coarse = made(frequency=300.0)
     assert "needs a sample rate of at least 2400 Hz" in " ".join(coarse.warnings)
 
@@ -273,7 +278,7 @@ def test_the_same_loops_are_run_at_every_rate():
         rate: {
             round(float(v), 6)
             for p in e.parts
-            if p.rate_hz == rate and p.name.startswith(("nested", "reversal"))
+            if p.rate_hz == rate and p.name.startswith(("nested", "ascending", "descending"))
             for v in e.voltage[p.first : p.last][_turns(e.voltage[p.first : p.last])]
         }
         for rate in (0.4, 1.3, 3.9)
@@ -306,7 +311,7 @@ def test_what_does_not_fit_is_left_out_in_its_order():
         e = made(duration=duration, frequency=150.0)
         # most of the time is used
         assert 0.62 * duration < e.duration <= duration
-        left.append(e.left_out)
+        left.append(e.omitted)
         raised.append(
             any("rates were raised from 0.45, 4.7 Hz to 0.588, 4.7 Hz" in w for w in e.warnings)
         )
@@ -318,7 +323,7 @@ def test_what_does_not_fit_is_left_out_in_its_order():
     assert len(left[-1]) > len(left[3]) > 0
     # what is left out of a longer record is left out of a shorter one
     assert all(b[: len(a)] == a for a, b in itertools.pairwise(left))
-    assert left[-1][0] == "reversal curves up at the slower rates"
+    assert left[-1][0] == "ascending reversal curves at the slower rates"
     assert raised == sorted(raised)
     assert raised[-1]
     assert not raised[0]
@@ -342,11 +347,11 @@ def test_the_least_time_is_the_least_time():
         voltage_range=RANGE, rest_voltage=0.0, rates_hz=(0.5, 5.0), hold=4.0, multisine=0.0
     )
     least = shortest(design, movement, 0.0)
-    found = fitted(design, movement, least, 0.0)
+    found = design_within_limits(design, movement, least, 0.0)
     assert found is not None
     assert found.samples(movement) == least
-    assert fitted(design, movement, least - 1, 0.0) is None
-    with pytest.raises(ModelError, match=r"take at least 3\.9\d s .* got a duration of 3\.7 s"):
+    assert design_within_limits(design, movement, least - 1, 0.0) is None
+    with pytest.raises(ModelError, match=r"need at least 3\.9\d s .* got a duration of 3\.7 s"):
         made(duration=3.7)
 
 

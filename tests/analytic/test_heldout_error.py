@@ -5,8 +5,8 @@ import pytest
 
 from flexstage.hysteresis.identification.fit_rows import ChainValues, Rows
 from flexstage.hysteresis.identification.measurement import IdentificationData
-from flexstage.hysteresis.identification.misfit import another_stretch, rms_standard_error
 from flexstage.hysteresis.identification.model_fit import fit_data
+from flexstage.hysteresis.identification.residuals import another_stretch, rms_standard_error
 
 EACH = 30
 

@@ -25,13 +25,12 @@ from flexstage.hysteresis import (
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.identification.chain_misfit import ChainMisfit
+from flexstage.hysteresis.identification.chain_residual import ChainResidual
 from flexstage.hysteresis.identification.chain_search import find_chain
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
-from flexstage.hysteresis.identification.misfit import Folds, Misfit, estimates, misfit
 from flexstage.hysteresis.identification.model_choice import FittedModel, choose
 from flexstage.hysteresis.identification.model_fit import (
     FitResult,
@@ -43,11 +42,11 @@ from flexstage.hysteresis.identification.model_fit import (
     folds_of,
     residual,
 )
+from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, SearchedFit
 from flexstage.hysteresis.identification.projection import normal_equations, solve
-from flexstage.hysteresis.identification.refined_fit import RefinedFit
-from flexstage.hysteresis.identification.searched_fit import SearchedFit
+from flexstage.hysteresis.identification.residuals import Folds, Residuals, estimates, residuals
 from flexstage.hysteresis.models import registry
-from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
@@ -163,7 +162,7 @@ def test_standard_errors_cover_the_truth():
     for seed in range(40):
         data = whole(measurement([record(u, noisy(BOUC_WEN, u, seed), 0.02)], "u", "y"))
         fit = method.fit(data, np.array([0.5, 0.2]))
-        found, _, _ = estimates(fit, data, misfit(fit.model, data), (), {})
+        found, _, _ = estimates(fit, data, residuals(fit.model, data), (), {})
         inside.append(
             [abs(e.value - getattr(BOUC_WEN, e.name)) < 2.0 * e.standard_error for e in found]
         )
@@ -237,7 +236,7 @@ def test_one_rate_tells_neither():
     found = identify(chained(1.3, 0.01, 1500, 7, Lag(delay=0.012)), "u", "y", model="dahl")
     (said,) = (w for w in found.warnings if "rate" in w)
     assert said.startswith("one rate only (1.3 Hz): lag, creep and hysteresis cannot be separated")
-    assert "the values of delay and creep belong to this fit" in said
+    assert "the values of delay and creep are not individually identifiable" in said
     assert "a second rate" in said
     assert {e.name: e.standard_error for e in found.chain} == {
         "delay": np.inf,
@@ -251,7 +250,7 @@ def test_the_edge_of_the_search_is_said():
         measurement([chained(1.3, 0.01, 1500, 7, Lag(delay=0.1), model=DAHL)], "u", "y")
     )
     assert found.values.delay == pytest.approx(0.08 / 1.3, rel=0.02)
-    assert any("the delay is the longest that is looked for" in note for note in found.notes)
+    assert any("the delay reached its upper limit" in note for note in found.notes)
 
 
 @pytest.mark.slow
@@ -353,7 +352,7 @@ def test_an_input_that_was_read_too_seldom_is_named(held):
         said = measurement([record(read, y)], "u", "y").warnings
     except RecordError as error:
         said = (str(error),)
-    assert any(f"stands for {held} samples" in s for s in said)
+    assert any(f"is constant for {held} samples" in s for s in said)
 
 
 # ------------------------------------------------------------------------- choice and held-out data
@@ -499,10 +498,10 @@ def chosen_of(without_inverse=(), **parts):
         rms = float(np.sqrt(squares.mean()))
         folds = Folds(rms=rms, free_rms=rms, largest=0.0, band=0.0, mean_square=squares)
         nothing = (np.zeros(data.rows[0].at.size),)
-        left = Misfit(left=nothing, predicted=nothing, nuisance=(), offset=0.0)
+        left = Residuals(of_fit=nothing, of_prediction=nothing, nuisance=(), offset=0.0)
         model = FALLING if name in without_inverse else DAHL
         tried[method.kind] = FittedModel(
-            method=method, fit=FitResult(model=model), left=left, folds=folds
+            method=method, fit=FitResult(model=model), residuals=left, folds=folds
         )
     return choose(tried, data)[0]
 
@@ -599,9 +598,9 @@ def test_the_search_for_a_chain_leaves_what_columns_behind_it_leave(delay: float
         u = drive(1500, rate, dt)
         records.append(record(u, noisy(DAHL, u, 3), dt))
     m = measurement(records, "u", "y")
-    search = ChainMisfit(m, None)
+    search = ChainResidual(m, None)
     starts = ("rested", 7.3)
-    search.begin(starts)
+    search.set_starts(starts)
     sections = tuple(replace(s, start=a) for s, a in zip(m.sections, starts, strict=True))
     chain = ChainValues(delay=delay, creep_per_decade=0.023)
     data = replace(whole(replace(m, sections=sections)), chain=chain)
@@ -681,7 +680,7 @@ def test_a_falling_output_is_turned_and_said(plain):
     assert turned.model.validity is not None
     low, high = turned.model.validity.output_range
     assert low < high
-    assert any("sign of the output was turned" in w for w in turned.warnings)
+    assert any("sign of the output was reversed" in w for w in turned.warnings)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -691,7 +690,7 @@ def test_swapped_columns_are_refused(width, noise, sign):
     u = drive()
     y = sign * noisy(virtual_stack((0.0, 112.0), 38e-6, width), u, 3, noise)
     assert measurement([record(u, y)], "u", "y").sign == sign
-    with pytest.raises(RecordError, match=r"leads the input.*are the columns swapped"):
+    with pytest.raises(RecordError, match=r"leads the input.*whether the columns are swapped"):
         measurement([record(u, y)], "y", "u")
 
 
@@ -753,7 +752,7 @@ BAD = {
     "infinite": (lambda u, y: (np.where(np.arange(u.size) == 9, np.inf, u), y), "inf at sample 9"),
     "huge": (lambda u, y: (u, y * 1e200), "give it another unit"),
     "half a cycle": (lambda u, y: (u[:38], y[:38]), "has 38 samples"),
-    "rising": (lambda u, y: (np.sort(u), np.sort(y)), "no whole cycle"),
+    "rising": (lambda u, y: (np.sort(u), np.sort(y)), "no complete cycle"),
     "unrelated": (lambda u, y: (u, np.random.default_rng(4).normal(size=y.size)), "not follow"),
 }
 
@@ -773,7 +772,7 @@ def test_more_that_cannot_serve():
     time = uneven.time.copy()
     time[700:] += 0.013
     uneven = Record(channels=uneven.channels, time=time)
-    with pytest.raises(RecordError, match="not evenly sampled"):
+    with pytest.raises(RecordError, match="not uniformly sampled"):
         identify(uneven, "u", "y")
     with pytest.raises(RecordError, match="same column, 'u'"):
         identify(record(u, y), "u", 0)
@@ -789,7 +788,7 @@ def test_more_that_cannot_serve():
         identify([record(u, y), volts], "u", "y")
     with pytest.raises(ModelError, match="'hammerstein' is not known: choose from auto, dahl"):
         identify(record(u, y), "u", "y", model="hammerstein")
-    with pytest.raises(RecordError, match="leave 0 to fit"):
+    with pytest.raises(RecordError, match="give 0 fitted"):
         identify(record(u, y), "u", "y", model="dahl", train=(0, 5))
     for bad in ({"delay": -0.001}, {"creep_per_decade": float("nan")}, {"resonance_hz": -3.0}):
         with pytest.raises(ModelError, match="finite and not negative"):
@@ -815,9 +814,9 @@ def test_a_law_from_elsewhere_is_known_and_one_without_a_fit_is_not_identified()
         assert tuple(fits()) == before
         with pytest.raises(ModelError, match="'elsewhere' is not known: choose from auto"):
             identify([], "u", "y", model="elsewhere")
-        with pytest.raises(ModelError, match="no C for hysteresis of the kind 'elsewhere'"):
+        with pytest.raises(ModelError, match="no C code for hysteresis of the kind 'elsewhere'"):
             registry.hysteresis_code(law)
-        with pytest.raises(ModelError, match="elsewhere model is not written for Simulink"):
+        with pytest.raises(ModelError, match="no Simulink code for the model 'elsewhere'"):
             registry.matlab_code(law)
     finally:
         del MODELS["elsewhere"]

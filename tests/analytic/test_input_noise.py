@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from flexstage.hysteresis.identification.faults import denoised
 from flexstage.hysteresis.identification.identify import identify
-from flexstage.hysteresis.identification.input_noise import denoised
 from flexstage.hysteresis.identification.measurement import measurement, without_history
 from flexstage.records import Channel, Record
 

@@ -123,7 +123,7 @@ def test_the_inverse_tracks_its_own_model(kind, chain):
         assert made.smoothing == 0.0
         assert np.array_equal(made.reference, wanted)
     else:
-        assert made.smoothing == np.abs(made.reference - made.wanted).max()
+        assert made.smoothing == np.abs(made.reference - made.requested).max()
     # without an inverse the loop is open by some percent: the test would see it
     straight = (
         (wanted - drive.offset) / drive.sign / np.ptp(EACH[kind].simulate([HIGH, LOW]).values)
@@ -230,7 +230,7 @@ def test_harmonics_above_the_band_are_left_out_and_told():
     left = np.abs(np.fft.rfft(made.reference[: wanted.size] - wanted))
     assert np.flatnonzero(left > 1e-9 * left.max()).tolist() == [3]
     assert made.smoothing == pytest.approx(2.0 * left.max() / wanted.size, rel=1e-3)
-    assert any("smoothed to a band of 5 Hz" in note for note in made.notes)
+    assert any("smoothed to a bandwidth of 5 Hz" in note for note in made.notes)
 
 
 @pytest.mark.parametrize("kind", EACH)
@@ -261,7 +261,7 @@ def test_limits_of_a_motion_that_repeats_hold(kind):
         assert made.command.max() <= 120.0
         assert 0 < made.limited < made.command.size / 2
         assert f"limits changed {made.limited} of" in made.limit_note
-        off = np.abs(made.predicted - made.wanted) > 1e-8 * np.ptp(wanted)
+        off = np.abs(made.predicted - made.requested) > 1e-8 * np.ptp(wanted)
         assert off.sum() <= made.limited
 
 
@@ -289,7 +289,7 @@ def test_limits_of_the_model_are_its_range():
     with pytest.raises(ModelError, match="limits of the command must rise"):
         feedforward(drive, reference_within(drive), DT, limits=(9.0, 9.0))
     beyond = feedforward(drive, reference_within(drive, 1.2), DT, limits=(0.0, 120.0))
-    assert any("4 to 116 V that the model was identified on" in note for note in beyond.notes)
+    assert any("range of the identification, 4 to 116 V" in note for note in beyond.notes)
 
 
 def test_a_reference_with_corners_is_smoothed_and_the_change_is_said():
@@ -305,14 +305,14 @@ def test_a_reference_with_corners_is_smoothed_and_the_change_is_said():
     spread = math.sqrt(math.log(2.0)) / (2.0 * math.pi * 41.0 / 4.0)
     corner = 4.0 * 1.3 * half * spread * math.sqrt(2.0 / math.pi)
     assert made.smoothing == pytest.approx(corner, rel=0.02)
-    assert any("smoothed to a band of 10.2 Hz" in note for note in made.notes)
+    assert any("smoothed to a bandwidth of 10.2 Hz" in note for note in made.notes)
     wide = feedforward(drive, wanted, DT, band_hz=33.0)
     assert wide.smoothing < 0.4 * made.smoothing
 
 
 def test_out_of_reach_is_refused_with_the_range():
     drive = drive_of("dahl")
-    with pytest.raises(ModelError, match=r"reaches -60 to 0 um: shift the reference"):
+    with pytest.raises(ModelError, match=r"range of the drive, -60 to 0 um: shift the reference"):
         feedforward(drive, reference_within(drive) + 1e-3, DT)
     part = feedforward(drive, reference_within(drive) + 12e-6, DT)
     assert 0 < part.limited < part.command.size
@@ -327,9 +327,9 @@ def test_out_of_reach_is_refused_with_the_range():
         ({"largest_rate": math.nan}, "largest rate"),
         ({"band_hz": 0.0}, "band"),
         ({"band_hz": math.inf}, "band"),
-        ({"periods": -1}, "once or more, or 0"),
+        ({"periods": -1}, "at least 1, or 0"),
         ({"periods": 2, "band_hz": -3.0}, "the band must be positive"),
-        ({"band_hz": 1e-9}, "leaves nothing of a sequence of 3 s"),
+        ({"band_hz": 1e-9}, "too low for a sequence of 3 s"),
         ({"limits": (math.nan, 5.0)}, "must rise"),
         ({"state": [1.0]}, "a state of dahl"),
         ({"reference": [0.0, math.nan]}, "must be finite"),

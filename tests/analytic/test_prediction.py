@@ -68,7 +68,7 @@ def test_a_record_without_a_cycle_is_counted_whole_and_said():
     found = predict(MODEL, record(u, MODEL.simulate(u, DT, start="rested")), "u", "y")
     assert found.cycles == ()
     assert found.warm_up == 0
-    assert any("makes no whole cycle" in note for note in found.notes)
+    assert any("has no complete cycle" in note for note in found.notes)
 
 
 def test_commands_beyond_the_range_are_said_once():
@@ -82,7 +82,7 @@ def test_uneven_records_are_refused():
     time = np.arange(u.size) * DT
     time[700:] += 0.4 * DT
     channels = (Channel(name="u", values=u, unit="V"), Channel(name="y", values=u, unit="m"))
-    with pytest.raises(RecordError, match="not evenly sampled"):
+    with pytest.raises(RecordError, match="not uniformly sampled"):
         predict(MODEL, Record(channels=channels, time=time), "u", "y")
 
 
@@ -97,7 +97,7 @@ def test_loops_that_grow_are_counted_before_both_ends_were_reached_and_this_is_s
     found = predict(MODEL, record(u, MODEL.simulate(u, DT)), "u", "y")
     (said,) = (note for note in found.notes if "both ends of its range" in note)
     reached = int(np.argmax(u >= HIGH - 0.05 * (HIGH - LOW))) * DT
-    assert f"no sooner than at {reached:.3g} s" in said
+    assert f"only at {reached:.3g} s" in said
     assert f"counted from {found.warm_up * DT:.3g} s on" in said
     plain = predict(MODEL, record(drive(), MODEL.simulate(drive(), DT)), "u", "y")
     assert not any("both ends" in note for note in plain.notes)

@@ -13,8 +13,8 @@ from flexstage.hysteresis.identification.measurement import (
     measurement,
     without_history,
 )
-from flexstage.hysteresis.identification.misfit import misfit
 from flexstage.hysteresis.identification.model_fit import fit_data
+from flexstage.hysteresis.identification.residuals import residuals
 from flexstage.records import Channel, Record
 
 DT = 0.01
@@ -89,22 +89,22 @@ def with_offsets(*offsets):
 
 
 def test_the_offset_that_is_kept_is_the_mean_of_those_of_the_records():
-    left = misfit(STACK, with_offsets(-4e-6))
+    left = residuals(STACK, with_offsets(-4e-6))
     assert left.offset == pytest.approx(-4e-6, rel=1e-9)
-    assert np.abs(left.predicted[0]).max() < 1e-15
-    left = misfit(STACK, with_offsets(-4e-6, 1e-6))
+    assert np.abs(left.of_prediction[0]).max() < 1e-15
+    left = residuals(STACK, with_offsets(-4e-6, 1e-6))
     assert left.offset == pytest.approx(-1.5e-6, rel=1e-6)
-    assert left.predicted[0] == pytest.approx(-2.5e-6, rel=1e-6)
-    assert left.predicted[1] == pytest.approx(2.5e-6, rel=1e-6)
-    assert max(np.abs(own).max() for own in left.left) < 1e-15
+    assert left.of_prediction[0] == pytest.approx(-2.5e-6, rel=1e-6)
+    assert left.of_prediction[1] == pytest.approx(2.5e-6, rel=1e-6)
+    assert max(np.abs(own).max() for own in left.of_fit) < 1e-15
 
 
 def test_what_is_held_out_does_not_move_the_offset():
     data = with_offsets(-4e-6, 1e-6)
     none = np.zeros_like(data.use[1])
-    left = misfit(STACK, replace(data, use=(data.use[0], none)))
+    left = residuals(STACK, replace(data, use=(data.use[0], none)))
     assert left.offset == pytest.approx(-4e-6, rel=1e-9)
-    assert left.predicted[1] == pytest.approx(5e-6, rel=1e-6)
+    assert left.of_prediction[1] == pytest.approx(5e-6, rel=1e-6)
 
 
 def test_the_band_holds_95_of_100_held_out_samples():
@@ -130,7 +130,7 @@ def test_loops_that_grow_are_said_to_be_counted_early():
         w for w in measurement([record(u, after_cycles(u))], "u", "y").warnings if "ends" in w
     )
     reached = int(np.argmax(u >= HIGH - 0.05 * (HIGH - LOW))) * DT
-    assert f"no sooner than at {reached:.3g} s" in said
+    assert f"only at {reached:.3g} s" in said
     plain = measurement([record(drive(), after_cycles(drive()))], "u", "y")
     assert not any("ends" in w for w in plain.warnings)
 

@@ -189,7 +189,7 @@ class Unknown(BoucWen):
 
 def test_a_hysteresis_without_a_form_in_matlab_is_refused() -> None:
     model: HysteresisModel = Unknown(gain=1.0, hysteresis_gain=0.5, beta=0.1, gamma=0.1)
-    with pytest.raises(ModelError, match="unknown model is not written for Simulink"):
+    with pytest.raises(ModelError, match="no Simulink code for the model 'unknown'"):
         hysteresis_function(model, "h")
     with pytest.raises(ModelError, match="name of a function"):
         hysteresis_function(LOOP, "no name")

@@ -5,7 +5,12 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis import Dahl
-from flexstage.hysteresis.drive_model import DriveModel, ValidityRange, in_unit_of_model, unsuited
+from flexstage.hysteresis.drive_model import (
+    DriveModel,
+    ValidityRange,
+    in_unit_of_model,
+    range_warnings,
+)
 
 DT = 1e-3
 DRIVE = DriveModel(
@@ -23,29 +28,29 @@ def cycles_at(rate_hz, low=5.0, high=110.0):
 
 @pytest.mark.parametrize("rate_hz", [0.5, 0.9, 2.3, 8.7])
 def test_rates_between_and_next_to_those_of_the_model_suit(rate_hz):
-    assert unsuited(DRIVE, DT, command=cycles_at(rate_hz)) == ()
+    assert range_warnings(DRIVE, DT, command=cycles_at(rate_hz)) == ()
 
 
 @pytest.mark.parametrize("rate_hz", [0.4, 9.7, 50.0])
 def test_other_rates_are_said_with_both_figures(rate_hz):
-    (said,) = unsuited(DRIVE, DT, command=cycles_at(rate_hz))
+    (said,) = range_warnings(DRIVE, DT, command=cycles_at(rate_hz))
     assert "identified at 0.7 to 6 Hz" in said
     found = float(said.split("repeat at ")[1].split(" Hz")[0])
     assert found == pytest.approx(rate_hz, rel=0.05)
 
 
 def test_a_range_beyond_and_a_prefix_of_the_unit():
-    (said,) = unsuited(DRIVE, DT, command=cycles_at(2.3, 5.0, 131.0))
+    (said,) = range_warnings(DRIVE, DT, command=cycles_at(2.3, 5.0, 131.0))
     assert "extrapolated" in said
     small = cycles_at(2.3, 5.0, 5.1)
-    (said,) = unsuited(DRIVE, DT, command=small)
+    (said,) = range_warnings(DRIVE, DT, command=small)
     assert "the command spans 0.1 V, 1/1.14e+03 of the 114 V" in said
-    (said,) = unsuited(DRIVE, DT, command=cycles_at(2.3), reading=1e-3 * cycles_at(2.3))
+    (said,) = range_warnings(DRIVE, DT, command=cycles_at(2.3), reading=1e-3 * cycles_at(2.3))
     assert said.startswith("the reference or reading spans 0.105 m, 2.76e+03 times the 38 um")
-    (said,) = unsuited(DRIVE, DT, command=np.full(90, 7.0))
-    assert "the command stands still, at 7 V" in said
+    (said,) = range_warnings(DRIVE, DT, command=np.full(90, 7.0))
+    assert "the command is constant at 7 V" in said
     bare = DriveModel(hysteresis=DRIVE.hysteresis)
-    assert unsuited(bare, DT, command=small) == ()
+    assert range_warnings(bare, DT, command=small) == ()
 
 
 def test_units_of_one_dimension_are_converted():
@@ -59,9 +64,9 @@ def test_units_of_one_dimension_are_converted():
 @pytest.mark.parametrize(
     ("unit", "model_unit", "said"),
     [
-        ("", "um", "no unit and the model is in um: say it behind the column, such as --column"),
+        ("", "um", "no unit and the model is in um: give it after the column, such as --column"),
         ("um", "", "is in um and the model was identified without a unit"),
-        ("V", "m", "is in V, the model gives m"),
+        ("V", "m", "is in V, the output of the model in m"),
         ("furlong", "m", "furlong"),
     ],
 )

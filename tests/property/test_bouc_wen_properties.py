@@ -327,7 +327,7 @@ def test_segments_of_short_and_long_steps(gamma: float) -> None:
 def test_segments_need_exponent_one_and_two_samples() -> None:
     model = BoucWen(gain=1.3, hysteresis_gain=0.3, beta=0.05, gamma=0.03)
     assert dataclasses.replace(model, exponent=1.4).segments([1.0, 2.0]) is None
-    with pytest.raises(ModelError, match="two at least"):
+    with pytest.raises(ModelError, match="at least two"):
         model.segments([1.0])
 
 

@@ -165,13 +165,13 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
         (("--amplifier", "slew=0 V/s"), "'--amplifier': slew must be above 0"),
         (("--amplifier", "current=5 mA"), "needs the capacitance"),
         (("--amplifier", "current=5 mA,capacitance=0 uF"), "capacitance must be above 0"),
-        (("--amplifier", "capacitance=5 uF"), "the capacitance needs the current"),
+        (("--amplifier", "capacitance=5 uF"), "the capacitance needs the current limit"),
         (("--reference-bandwidth", "0 Hz"), "'--reference-bandwidth': must be above 0"),
-        (("--reference-bandwidth", "1e-9 Hz"), "leaves nothing"),
+        (("--reference-bandwidth", "1e-9 Hz"), "too low for a sequence"),
         (("--reference-bandwidth", "low"), "expected a frequency"),
         (("--start", "warm"), "--start must be conditioned, rest or a time"),
         (("--column", "3"), "no column 3"),
-        (("--column", "wanted V"), "the model gives m"),
+        (("--column", "wanted V"), "the output of the model in m"),
         (("--column", "wanted furlong"), "furlong"),
         (("--sample-rate", "quick"), "expected a frequency"),
         (("--out", "c.txt"), "--out must end in one of"),
@@ -199,7 +199,7 @@ def test_a_reference_without_unit_is_refused(capsys, tmp_path, model_file):
     words = ("--reference", tmp_path / "r.txt", "--sample-rate", 250)
     status, _, err = run(capsys, "compensate", model_file, *words)
     assert status == 2
-    assert 'say it behind the column, such as --column "1 m"' in err
+    assert 'give it after the column, such as --column "1 m"' in err
 
 
 def test_a_model_without_unit_and_a_reference_with_one(
@@ -219,7 +219,7 @@ def test_a_model_without_unit_and_a_reference_with_one(
     (tmp_path / "mm.yaml").write_text(scaled, "utf-8")
     status, _, err = run(capsys, "compensate", tmp_path / "mm.yaml", *words)
     assert status == 2  # its numbers are those of m, and so 20 um are 0.02 there
-    assert "is its unit right?" in err
+    assert "check its unit" in err
 
 
 def test_rates_and_spans_that_do_not_suit_are_said(capsys, tmp_path, model_file):
@@ -240,7 +240,7 @@ def test_rates_and_spans_that_do_not_suit_are_said(capsys, tmp_path, model_file)
     )
     assert status == 0
     notes = json.loads(out)["notes"]
-    assert sum("is its unit right?" in n for n in notes) == 2  # of the reference, of the command
+    assert sum("check its unit" in n for n in notes) == 2  # of the reference, of the command
 
 
 def test_a_reference_of_uneven_times_is_made_even(capsys, tmp_path, model_file):

@@ -43,7 +43,7 @@ def test_the_file_reads_back_within_the_limits(capsys, tmp_path, suffix):
     assert slope <= 1800.0
     assert 4.7e-6 * slope <= 9e-3
     assert result["rates_hz"][1] == 5.5
-    assert result["left_out"]
+    assert result["omitted"]
     assert result["parts"][0]["name"] == "conditioning"
     assert result["file"] == str(file)
 
@@ -105,7 +105,7 @@ def test_the_table_says_what_is_run_and_what_is_not(capsys):
         ((*FREE, "--amplifier", "slew=900 V/s"), "too fast"),
         ((*FREE, "--amplifier", "current=5"), "has no unit"),
         ((*FREE, "--amplifier", "current=5 mA"), "needs the capacitance"),
-        ((*FREE, "--duration", "2 s"), "take at least"),
+        ((*FREE, "--duration", "2 s"), "need at least"),
         ((*FREE, "--duration", "2 V"), "not a unit of time"),
         ((*FREE, "--sample-rate", "0 Hz"), "'--sample-rate': must be above 0"),
         ((*FREE, "--shape", "squar"), "must be smooth, sine or triangle"),

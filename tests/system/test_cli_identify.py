@@ -393,7 +393,7 @@ def bad_records(table):
         "constant output": (u, np.full_like(y, 3.3), "constant"),
         "constant input": (np.full_like(u, -1.0), y, "constant"),
         "short": (u[:30], y[:30], "at least 50"),
-        "half a cycle": (half, 0.3 * half + 0.001 * half**2, "no whole cycle"),
+        "half a cycle": (half, 0.3 * half + 0.001 * half**2, "no complete cycle"),
         "unrelated": (u, noise, "does not follow"),
         "swapped": (y, u, "leads the input"),
         "falling and swapped": (-y, u, "leads the input"),
@@ -518,10 +518,10 @@ def test_the_verdict_is_told_and_drift_is_fitted_on_demand(capsys, tmp_path, tab
     write_text(path, moved)
     words = (*COLUMNS, "--model", "bouc-wen", "--known", "delay=0 s", "--json")
     blind, told = (json.loads(run(capsys, path, *words, *more)[1]) for more in ((), ("--drift",)))
-    findings = {f["kind"]: f for f in blind["verdict"]["findings"]}
+    findings = {f["kind"]: f for f in blind["quality"]["findings"]}
     assert set(findings) == {"spikes", "drift"}
     assert findings["spikes"]["at"] == pytest.approx([700 / RATE, 1501 / RATE])
-    assert blind["verdict"]["fits"] == (blind["verdict"]["reason"] == "")
+    assert blind["quality"]["fits"] == (blind["quality"]["reason"] == "")
     assert any("--drift" in w for w in blind["warnings"])
-    assert [f["kind"] for f in told["verdict"]["findings"]] == ["spikes"]
+    assert [f["kind"] for f in told["quality"]["findings"]] == ["spikes"]
     assert told["heldout_rms_percent"] < 0.7 * blind["heldout_rms_percent"]

@@ -77,7 +77,7 @@ def test_the_table_and_the_figure(capsys, files):
     assert figure.read_bytes().startswith(b"\x89PNG")
     status, out, err = run(capsys, *words[:3], *BARE)
     assert (status, out) == (2, "")
-    assert 'say it behind the column, such as --input "1 V"' in err
+    assert 'give it after the column, such as --input "1 V"' in err
     status, out, err = run(capsys, *words, "--start", "-3 s")
     assert (status, out) == (2, "")
     assert "--start" in err

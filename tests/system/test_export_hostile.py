@@ -227,7 +227,7 @@ def test_a_start_hole_is_as_wide_as_a_wide_cut(tmp_path: Path) -> None:
     ("to", "drop", "said"),
     [
         ("mat", ("axes", "probes"), "stage 'plain' has no probe: there is nothing to read"),
-        ("mat", ("axes", "drives"), "stage 'plain' has no drive: there is nothing to command"),
+        ("mat", ("axes", "drives"), "stage 'plain' has no drive: another program could not"),
         ("csv", ("axes",), "stage 'plain' has no axis and so no characteristics"),
         ("step,csv", ("axes", "drives"), "stage 'plain' has no axis"),
     ],

@@ -192,9 +192,9 @@ def test_a_motion_is_followed_within_what_the_drive_reaches(
     for periods, samples in ((3, 480), (0, 160)):
         made, _ = command(model, replace(motion, periods=periods, shape="triangle"))
         assert made.command.size == samples
-        assert np.ptp(made.wanted) == pytest.approx(0.8 * (high - low), rel=1e-3)
+        assert np.ptp(made.requested) == pytest.approx(0.8 * (high - low), rel=1e-3)
         assert made.largest_error < 1e-3 * (high - low)
-    plain = reading_in_proportion(model, made, endless=True) - made.wanted
+    plain = reading_in_proportion(model, made, endless=True) - made.requested
     # an eighth of the stroke is the width of the loop
     assert 0.01 < np.sqrt(np.mean(plain**2)) / (high - low) < 0.12
     with pytest.raises(ModelError, match="amplitude must be positive"):

@@ -26,7 +26,7 @@ from flexstage.files.result import Result
 from flexstage.hinges.hinge_figures import notch_of
 from flexstage.hinges.requests import HingesRequest
 from flexstage.hysteresis import excitation
-from flexstage.hysteresis.compensation import compensate
+from flexstage.hysteresis.inversion import compensate
 from flexstage.hysteresis.model_file import read_model_file
 from flexstage.hysteresis.prediction import predict_by_file, predict_each
 from flexstage.hysteresis.requests import (

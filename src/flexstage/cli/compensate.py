@@ -54,8 +54,8 @@ def compensate(
     figure
         Draw command, hysteresis loop and residual error (.svg, .png or .pdf).
     """
-    from flexstage.hysteresis.compensation import compensate as run
     from flexstage.hysteresis.inversion import command_record
+    from flexstage.hysteresis.inversion import compensate as run
     from flexstage.hysteresis.model_file import read_model_file
     from flexstage.records.contents import default_drive_columns
     from flexstage.records.read import read_files
@@ -73,12 +73,12 @@ def compensate(
     (record,) = read_files([reference], [column], options=read_options, even=True)
     result = run(file, record, column, request)
     if out is not None:
-        write_file(out, record_bytes(command_record(result.made, result.drive), kind))
+        write_file(out, record_bytes(command_record(result.feedforward, result.drive), kind))
     pictures = write_picture(figure, result.plot)
     if json:
         print_json(result.to_dict() | {"file": None if out is None else str(out)})
         return
-    for line in command_in_words(result.made, result.drive):
+    for line in command_in_words(result.feedforward, result.drive):
         console().print(line)
     files = ([] if out is None else [out]) + pictures
     print_notes(console(), result.notes, files, style="yellow")

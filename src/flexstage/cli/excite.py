@@ -94,8 +94,8 @@ def _print(result: dict[str, Any]) -> None:
             f"{1e3 * result['rms_current']:.3g} mA rms"
         )
     screen.print(f"memory covered  {100.0 * result['coverage']:.0f} %")
-    if result["left_out"]:
-        screen.print(f"omitted: {'; '.join(result['left_out'])}", markup=False)
+    if result["omitted"]:
+        screen.print(f"omitted: {'; '.join(result['omitted'])}", markup=False)
     for warning in result["warnings"]:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
     print_notes(screen, (), filter(None, [result["file"]]))

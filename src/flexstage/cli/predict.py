@@ -78,9 +78,9 @@ def predict(
         print_result(result.to_dict(), files)
         return
     screen, drive = console(), result.file.model
-    print_predictions(screen, result.found, drive, f"{drive.hysteresis.kind}, {model}")
+    print_predictions(screen, result.predictions, drive, f"{drive.hysteresis.kind}, {model}")
     if result.band is not None:
-        screen.print(band_in_words(result.found, result.band))
+        screen.print(band_in_words(result.predictions, result.band))
     print_notes(screen, (), files)
 
 

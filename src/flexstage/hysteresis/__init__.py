@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.identification.cycles import Cycles, cycles
     from flexstage.hysteresis.identification.identify import identify
     from flexstage.hysteresis.identification.measurement import IdentificationData, measurement
-    from flexstage.hysteresis.identification.misfit import ParameterEstimate
+    from flexstage.hysteresis.identification.nonlinear_fit import SearchedFit
+    from flexstage.hysteresis.identification.residuals import ParameterEstimate
     from flexstage.hysteresis.identification.result import Identification
-    from flexstage.hysteresis.identification.searched_fit import SearchedFit
     from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
     from flexstage.hysteresis.loops import Tracking, loop_width, tracking
     from flexstage.hysteresis.model import (

@@ -1,4 +1,4 @@
-"""The dynamic model of a stage, from its description and its models; or of a mechanical system."""
+"""Assembly of a dynamic model, from the description of a stage or a mechanical system."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -31,10 +31,10 @@ from flexstage.stage.assumptions import LOOP_WIDTH
 from flexstage.system import MechanicalSystem, Modes, modes
 from flexstage.system.statics import imposed_shape
 
-# s; far beyond, powers of the step over a period overflow.
+# Shortest and longest step [s]; far beyond, powers of the step over a period overflow.
 _STEPS = (1e-12, 1e6)
 
-# A lag of the creep and a mode that fall together this closely cannot be told apart.
+# Smallest relative distance of a lag of the creep and an overdamped mode.
 _APART = 1e-6
 
 
@@ -46,30 +46,29 @@ def dynamic_model(
     hysteresis: Hysteresis = "usual",
     creep: Creep | None = None,
     sensors: Mapping[str, Sensor] | None = None,
-    **asked: Any,
+    **options: Any,
 ) -> DynamicModel:
     """Return the dynamic model of a stage, with the data of its stacks.
 
     Parameters
     ----------
     stage : Stage
-        The stage, whose drives hold the data of their stacks.
+        The stage, whose drives include the data of their stacks.
     system : MechanicalSystem
         A model of the stage.
     request : DynamicRequest, optional
-        Time between samples, bandwidth and largest current of the amplifiers, and how many modes
-        are kept; what the others would add at rest is kept as feedthrough.
+        Time between samples, bandwidth and largest current of the amplifiers, and number of modes;
+        the static contribution of the others is a feedthrough.
     hysteresis : Mapping or str
         For each drive, or axis, the model from voltage [V] to free displacement [m], or the model
-        that was identified from voltage [V] to the reading of the axis; ``usual`` for
-        `usual_hysteresis` of every stack, ``none`` for stacks that are linear. Of an identified
-        model the hysteresis and the creep are taken, so that the stage reads at rest what it says;
-        modes are those of the stage.
+        identified from voltage [V] to the reading of the axis; ``usual`` for `usual_hysteresis` of
+        every stack, ``none`` for linear stacks. Of an identified model, hysteresis and creep are
+        used, so that the static readings agree with it; the modes are those of the stage.
     creep : Creep, optional
-        Creep of every stack but those whose identified model has its own; none where not given.
+        Creep of every stack without an identified creep; none where not given.
     sensors : Mapping, optional
-        Sensors by probe; the true motion where there is none.
-    **asked
+        Sensors by probe; the true motion without a sensor.
+    **options
         Fields of `DynamicRequest`, in place of those of `request`.
 
     Returns
@@ -80,9 +79,9 @@ def dynamic_model(
     Raises
     ------
     ModelError
-        The stage is not held, a name is neither a drive nor an axis, a drive with hysteresis is no
-        stack, an identified model has other units, or the stroke of a model is far from that of its
-        stack.
+        The stage is not constrained, a name is neither a drive nor an axis, a drive with hysteresis
+        is no stack, an identified model has other units, or the stroke of a model is far from that
+        of its stack.
 
     Examples
     --------
@@ -93,13 +92,11 @@ def dynamic_model(
     >>> [d.unit for d in model.drives], model.omega.size
     (['V', 'V'], 60)
     """
-    request = request_of(DynamicRequest, request, asked)
+    request = request_of(DynamicRequest, request, options)
     if not stage.drives:
-        raise ModelError(
-            f"stage '{stage.name}' has no drive: there is nothing to command in another program"
-        )
+        raise ModelError(f"stage '{stage.name}' has no drive: another program could not command it")
     models = models_by_drive(stage, hysteresis)
-    made = assembled_model(
+    model = assembled_model(
         system,
         [
             drive_of(drive, models.get(drive.name), creep, request.bandwidth, request.current)
@@ -110,13 +107,13 @@ def dynamic_model(
         mode_count=request.keep_modes,
     )
     drives = []
-    for drive, own in zip(stage.drives, made.drives, strict=True):
-        given, scale = models.get(drive.name), 1.0
-        if isinstance(drive, PiezoStack) and own.hysteresis is not None:
-            if isinstance(given, DriveModel):
-                scale = scale_of(made, drive, given)
-            refuse_stroke(drive, own.hysteresis, scale)
-        drives.append(own if scale == 1.0 else _scaled(own, scale))
+    for drive, model_drive in zip(stage.drives, model.drives, strict=True):
+        source, scale = models.get(drive.name), 1.0
+        if isinstance(drive, PiezoStack) and model_drive.hysteresis is not None:
+            if isinstance(source, DriveModel):
+                scale = scale_of(model, drive, source)
+            refuse_stroke(drive, model_drive.hysteresis, scale)
+        drives.append(model_drive if scale == 1.0 else _scaled(model_drive, scale))
     linear = [d.name for d in stage.drives if isinstance(d, PiezoStack) and d.name not in models]
     notes = [f"Commands move on straight lines between samples {request.time_step:g} s apart."]
     if hysteresis == "usual" and models:
@@ -128,15 +125,15 @@ def dynamic_model(
         notes.append(f"Stacks without hysteresis: {', '.join(linear)}.")
     if any(isinstance(m, DriveModel) for m in models.values()):
         notes.append(
-            "Of identified drives the hysteresis and the creep are taken; delay, offset and modes "
-            "that were identified with them are left out, the modes are those of the stage."
+            "Of identified drives, hysteresis and creep are used; their identified delay, offset "
+            "and modes are not, and the modes are those of the stage."
         )
     return replace(
-        made,
+        model,
         name=stage.name,
         title=stage.title,
         drives=tuple(drives),
-        notes=(*system.validity, *notes, *made.notes),
+        notes=(*system.validity, *notes, *model.notes),
     )
 
 
@@ -148,22 +145,22 @@ def assembled_model(
     sensors: Mapping[str, Sensor] | None = None,
     mode_count: int | None = None,
 ) -> DynamicModel:
-    """Return the dynamic model of a mechanical system, from what lies before its drives.
+    """Return the dynamic model of a mechanical system with models of its drives.
 
     Parameters
     ----------
     system : MechanicalSystem
         The system.
     drives : sequence of ModelDrive
-        What lies between the command of each drive and its free displacement; the weights are
-        filled in. Other drives stand still, with their stiffness.
+        Models of the drives, from command to free displacement; their weights are set here. Other
+        drives are at rest, with their stiffness.
     step : float
         Step between samples [s].
     sensors : Mapping, optional
-        Sensors by probe; the true motion where there is none.
+        Sensors by probe; the true motion without a sensor.
     mode_count : int, optional
-        Number of modes that are kept, all where not given; what the others would add at rest is
-        kept as feedthrough.
+        Number of modes, all where not given; the static contribution of the others is a
+        feedthrough.
 
     Returns
     -------
@@ -174,7 +171,7 @@ def assembled_model(
     ------
     ModelError
         There is no drive, or it does not exist, or has hysteresis and no stiffness; a probe does
-        not exist; the system moves without resistance.
+        not exist; the system has a motion without stiffness.
 
     Examples
     --------
@@ -203,70 +200,73 @@ def assembled_model(
             f"the step of a model must be {shortest:g} to {longest:g} s, got {step:g} s"
         )
     if not drives:
-        raise ModelError("a model needs at least one drive: nothing else moves it")
+        raise ModelError("a model needs at least one drive")
     for drive in drives:
         if drive.hysteresis is not None:
             required_stiffness(system, drive.name)
-    found = modes(system, drives="in place", count=None)
-    if not np.all(found.omega > 0.0):
+    stage_modes = modes(system, drives="in place", count=None)
+    if not np.all(stage_modes.omega > 0.0):
         raise ModelError(
             f"stage '{system.name}' has a motion without stiffness: constrain it before the export"
         )
-    count = found.omega.size
-    kept = count if mode_count is None else min(int(mode_count), count)
-    if kept < 1:
-        raise ModelError(f"a model keeps at least one mode, got {mode_count!r}")
-    given = dict(sensors or {})
-    for name in given:
+    count = stage_modes.omega.size
+    retained = count if mode_count is None else min(int(mode_count), count)
+    if retained < 1:
+        raise ModelError(f"a model needs at least one mode, got {mode_count!r}")
+    sensors_by_probe = dict(sensors or {})
+    for name in sensors_by_probe:
         system.probe(name)
     probes = np.array([p.vector for p in system.probes]).reshape(-1, system.order)
     notes = []
-    if kept < count:
+    if retained < count:
         notes.append(
-            f"{kept} of {count} modes are kept, up to "
-            f"{found.omega[kept - 1] / (2.0 * np.pi):.4g} Hz; what the others add at rest follows "
-            "at once."
+            f"{retained} of {count} modes are included, up to "
+            f"{stage_modes.omega[retained - 1] / (2.0 * np.pi):.4g} Hz; the static contribution of "
+            "the others follows without delay."
         )
-    if any(s.noise_rms > 0.0 for s in given.values()):
-        notes.append("The noise of the sensors is left out of files for other programs.")
+    if any(s.noise_rms > 0.0 for s in sensors_by_probe.values()):
+        notes.append("The noise of the sensors is not included in files for other programs.")
     return DynamicModel(
         name=system.name,
         title="",
         step=float(step),
-        omega=found.omega[:kept],
-        damping_ratio=np.asarray(found.damping_ratio, dtype=np.float64)[:kept],
-        drives=tuple(_with_weights(drive, system, found, probes, kept) for drive in drives),
-        probes=tuple(
-            ModelProbe(name=p.name, unit=p.unit, sensor=given.get(p.name)) for p in system.probes
+        omega=stage_modes.omega[:retained],
+        damping_ratio=np.asarray(stage_modes.damping_ratio, dtype=np.float64)[:retained],
+        drives=tuple(
+            _with_weights(drive, system, stage_modes, probes, retained) for drive in drives
         ),
-        probe_shapes=(probes @ found.shapes)[:, :kept],
+        probes=tuple(
+            ModelProbe(name=p.name, unit=p.unit, sensor=sensors_by_probe.get(p.name))
+            for p in system.probes
+        ),
+        probe_shapes=(probes @ stage_modes.shapes)[:, :retained],
         system=system,
         notes=tuple(notes),
     )
 
 
 def _with_weights(
-    drive: ModelDrive, system: MechanicalSystem, found: Modes, probes: Array, kept: int
+    drive: ModelDrive, system: MechanicalSystem, stage_modes: Modes, probes: Array, count: int
 ) -> ModelDrive:
-    r"""Fill in what the probes read.
+    r"""Return a drive with the weights of its readings.
 
     With creep, :math:`x = 1/(\tau\omega)` and :math:`c = 1/(1 - 2\zeta x + x^2)`, a mode behind a
     lag is :math:`(1 - c) z - c \dot z/(\tau\omega^2) + c\, l`.
     """
     port = system.drive(drive.name)
-    omega = found.omega[:kept]
-    zeta = np.asarray(found.damping_ratio, dtype=np.float64)[:kept]
-    rate_time = np.zeros(kept)
+    omega = stage_modes.omega[:count]
+    zeta = np.asarray(stage_modes.damping_ratio, dtype=np.float64)[:count]
+    rate_time = np.zeros(count)
     if port.stiffness is not None:
         force = port.stiffness or 1.0
-        gain = force * (port.vector @ found.shapes) / found.omega**2
-        reach = probes @ found.shapes * gain
-        feed, reach = reach[:, kept:].sum(axis=1), reach[:, :kept]
+        gain = force * (port.vector @ stage_modes.shapes) / stage_modes.omega**2
+        reach = probes @ stage_modes.shapes * gain
+        feed, reach = reach[:, count:].sum(axis=1), reach[:, :count]
     else:
-        # the part of the imposed shape that the kept modes do not hold moves with the drive
+        # the part of the imposed shape outside the retained modes moves with the drive
         shape = imposed_shape(system, port)
-        gain = np.asarray(found.shapes.T @ system.M @ shape, dtype=np.float64)
-        reach = (probes @ found.shapes * gain)[:, :kept]
+        gain = np.asarray(stage_modes.shapes.T @ system.M @ shape, dtype=np.float64)
+        reach = (probes @ stage_modes.shapes * gain)[:, :count]
         feed = probes @ shape - reach.sum(axis=1)
         rate_time = 2.0 * zeta / omega
     weights = np.hstack((reach, np.zeros_like(reach)))
@@ -277,14 +277,14 @@ def _with_weights(
         below = 1.0 - 2.0 * zeta * x + x**2
         if np.any(np.abs(below) < _APART):
             raise ModelError(
-                "a mode that does not swing falls together with a lag of the creep: change the "
-                "number of lags in a decade"
+                "an overdamped mode coincides with a lag of the creep: change the number of lags "
+                "per decade"
             )
         c, a = 1.0 / below, drive.creep.lag_gains
         by_z = 1.0 + a @ (1.0 - c)
         by_v = -(a * rate) @ c / omega**2
         weights = np.hstack((reach * by_z, reach * by_v))
-        # what moves with the free displacement creeps with it
+        # the motion with the free displacement creeps with it
         lags = a * (reach @ c.T) + np.outer(feed, a)
     return replace(
         drive,
@@ -293,12 +293,12 @@ def _with_weights(
         lag_weights=lags,
         feedthrough=feed,
         rate_time=rate_time,
-        modal_gain=gain[:kept],
+        modal_gain=gain[:count],
     )
 
 
 def _scaled(drive: ModelDrive, scale: float) -> ModelDrive:
-    """Return a drive whose free displacement is so many times what its hysteresis gives."""
+    """Return a drive whose free displacement is the output of its hysteresis times a scale."""
     return replace(
         drive,
         mode_weights=scale * drive.mode_weights,

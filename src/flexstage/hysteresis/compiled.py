@@ -1,4 +1,4 @@
-"""How loops over samples are compiled."""
+"""Compilation of loops over samples."""
 
 import contextlib
 import hashlib
@@ -17,13 +17,13 @@ _ROOMS = tuple(
 
 
 def forget_outdated(rooms: tuple[Path, ...] = _ROOMS) -> None:
-    """Remove what was compiled from other sources than those that are there.
+    """Remove compiled functions of other sources than the present ones.
 
-    Numba looks at the file of a function, but not at those of the functions that it calls: after an
-    update of a checkout a caller that did not change would go on with the code of before. What
-    ``NUMBA_CACHE_DIR`` puts elsewhere is not looked at.
+    Numba checks the file of a function, but not those of the functions that it calls: after an
+    update of a checkout an unchanged caller would use the former code. Files elsewhere by
+    ``NUMBA_CACHE_DIR`` are not removed.
     """
-    # a place that cannot be written to was written by an installer, as a whole
+    # a folder without write access was written by an installer, completely
     with contextlib.suppress(OSError):
         now = hashlib.sha256()
         for path in sorted(path for room in rooms for path in room.rglob("*.py")):
@@ -43,7 +43,7 @@ forget_outdated()
 
 
 def compiled(function: F) -> F:
-    """Compile a function with Numba, and keep what was compiled beside its file.
+    """Compile a function with Numba, and cache it next to its file.
 
     Floating-point arithmetic stays as it is written: results must not depend on the machine.
     """

@@ -1,15 +1,14 @@
-"""A drive: hysteresis, creep, delay and modes in a row, the units of it, and what suits it."""
+"""Model of a drive: hysteresis, creep, modes and delay in series, its units and validity range."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.base.errors import ModelError, UnitError
-from flexstage.hysteresis.chain.creep import Creep
+from flexstage.hysteresis.chain.creep import Creep, Start, creep_start
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.cycles import cycles
@@ -17,23 +16,19 @@ from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.hysteresis.models.registry import MODELS
 from flexstage.quantities.units import readable, si_unit
 
-#: What a drive did before the first command: it rested there for long; or it moved as it does then,
-#: for so many seconds since it stood at the low end of its range, infinitely many for long.
-Start = Literal["rested"] | float
-
-#: Cycles after which the memory of what was before is gone, also where it fades only.
+#: Number of cycles that erase the memory of earlier motion, also if it only fades.
 _CONDITIONING = 4
-#: Spans that differ by more than this hint at a prefix of a unit: 1000, less a small loop.
+#: Smallest ratio of spans that indicates a wrong prefix of a unit: 1000, less a small loop.
 PREFIX = 300.0
-#: Rates that differ by more than this were not identified.
+#: Smallest ratio of a rate to those of the identification that is an extrapolation.
 _OTHER_RATE = 1.5
-#: Units of what a drive has beside its hysteresis.
+#: Units of the linear chain of a drive.
 _CHAIN: Mapping[str, str] = {"creep_per_decade": "1", "delay": "s", "resonance_hz": "Hz"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValidityRange:
-    """What a model was identified on, beyond which it extrapolates."""
+    """Range of an identification, outside which a model extrapolates."""
 
     input_range: tuple[float, float]
     """Lowest and highest input [`input_unit`]."""
@@ -42,53 +37,35 @@ class ValidityRange:
     rate_range_hz: tuple[float, float]
     """Slowest and fastest cycles [Hz]."""
     temperature: tuple[float, float] | None = None
-    """Lowest and highest temperature [K]; None where nobody has said."""
-
-
-def creep_start(creep: Creep, x: Array, dt: float, start: Start | Array) -> Array:
-    """Return the state of creep before a sequence, by what the drive did before.
-
-    Creep remembers longer than any record. A drive that has rested at the first command has settled
-    there; one that has moved for a time t since it stood at its low end has come from there to the
-    mean of its motion in each lag by ``1 - exp(-t / tau)``. The input x is what the hysteresis
-    gives, shape (n,), or several of it, (m, n), as is the state one step before the first sample. A
-    number of `start` is seconds of motion; an array is the state itself.
-    """
-    if isinstance(start, np.ndarray):
-        return start
-    state = x[..., :1] * creep.settled(1.0, dt)
-    if start != "rested":
-        mean, low = (by(x, axis=-1, keepdims=True) for by in (np.mean, np.min))
-        state[..., 1:] = mean + (low - mean) * np.exp(-start / creep.time_constants)
-    return state
+    """Lowest and highest temperature [K]; None if unknown."""
 
 
 def start_in_words(*starts: Start) -> str:
-    """Return what a drive did before a record, as the end of a sentence about it.
+    """Describe the motion of a drive before a record, after the words "the drive had".
 
-    Several starts where the drive may have done any of them; the words follow "the drive had".
+    Several starts are alternatives.
 
     Examples
     --------
     >>> start_in_words("rested"), start_in_words(30.0, math.inf)
     ('rested at the first command', 'moved for about 30 s or longer')
     """
-    said = ["rested at the first command"] if "rested" in starts else []
-    moved = sorted(float(s) for s in starts if s != "rested")
-    if moved and moved[0] == 0.0:
-        said.append("just left the low end of its range")
-        moved = moved[1:]
-    if moved:
-        said.append(f"moved for {_for_how_long(moved[0], moved[-1])}")
-    return " or ".join(said)
+    histories = ["rested at the first command"] if "rested" in starts else []
+    times = sorted(float(s) for s in starts if s != "rested")
+    if times and times[0] == 0.0:
+        histories.append("just left the low end of its range")
+        times = times[1:]
+    if times:
+        histories.append(f"moved for {_duration_text(times[0], times[-1])}")
+    return " or ".join(histories)
 
 
 def start_data(start: Start) -> str | float:
-    """Return what a drive did before as JSON can hold it: a time [s], or a word."""
+    """Return a start as JSON can represent it: a time [s], or a word."""
     return "long" if start == math.inf else start
 
 
-def _for_how_long(least: float, most: float) -> str:
+def _duration_text(least: float, most: float) -> str:
     if least == math.inf:
         return "long"
     if most == math.inf:
@@ -98,7 +75,7 @@ def _for_how_long(least: float, most: float) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DriveModel:
-    """Hysteresis, creep, modes and delay in a row, from the command to the reading.
+    """Hysteresis, creep, modes and delay in series, from the command to the reading.
 
     ``reading(t) = offset + sign x modes(creep(hysteresis(command)))(t - delay)``
     """
@@ -106,7 +83,7 @@ class DriveModel:
     hysteresis: HysteresisModel
     """The hysteresis."""
     creep: Creep | None = None
-    """Creep of what the hysteresis gives; None for none."""
+    """Creep of the output of the hysteresis; None for none."""
     modes: StageModes | None = None
     """Modes of the stage in the reading, at unit static gain; None for none."""
     lag: Lag | None = None
@@ -114,20 +91,20 @@ class DriveModel:
     offset: float = 0.0
     """Reading at no command, with no history [`output_unit`]."""
     sign: float = 1.0
-    """1 where the reading rises with the command, -1 where it falls."""
+    """1 if the reading rises with the command, -1 if it falls."""
     input_unit: str = "V"
-    """Unit of the command; empty where nobody has said."""
+    """Unit of the command; empty if unknown."""
     output_unit: str = "m"
-    """Unit of the reading; empty where nobody has said."""
+    """Unit of the reading; empty if unknown."""
     validity: ValidityRange | None = None
-    """What it was identified on."""
+    """Range of its identification."""
     start: Start = "rested"
-    """What the drive did before the record that it was identified from."""
+    """Motion of the drive before the record of the identification."""
 
     def conditioned(self) -> Array:
-        """Return the state of the hysteresis after cycles over all of the range, at its low end.
+        """Return the state of the hysteresis after cycles over the full range, at its low end.
 
-        What was before them is then forgotten. A drive is brought there by three slow cycles.
+        They erase earlier motion. Three slow cycles bring a drive to this state.
 
         Returns
         -------
@@ -137,11 +114,11 @@ class DriveModel:
         Raises
         ------
         ModelError
-            The model does not say on which range it was identified.
+            The model has no validity range.
         """
         if self.validity is None:
             raise ModelError(
-                "the model has no range to be conditioned over: give it a validity range"
+                "the model has no range for conditioning cycles: give it a validity range"
             )
         low, high = self.validity.input_range
         return self.hysteresis.simulate([high, low] * _CONDITIONING).state
@@ -164,23 +141,23 @@ class DriveModel:
             Time from one sample to the next [s].
         state : array_like, optional
             State of the hysteresis before the first of them; that after conditioning cycles where
-            not given, and no history where the model does not say its range.
+            not given, or without history if the model has no validity range.
         start : "rested", float or numpy.ndarray, optional
-            What the drive did before, for its creep, or the state of its creep. Where not given it
-            had settled at the first command if a state is given, and else did what it did before
-            the record that the model was identified from.
+            Motion of the drive before, for its creep, or the state of its creep. Where not given,
+            rest at the first command if a state is given, otherwise the start of the record of the
+            identification.
 
         Returns
         -------
         numpy.ndarray
             Readings [`output_unit`], shape (n,). Modes and lag have settled at the first command.
         """
-        given = samples(u, "command")
+        commands = samples(u, "command")
         if start is None:  # 0 is a start as well
             start = self.start if state is None else "rested"
         if state is None and self.validity is not None:
             state = self.conditioned()
-        y = self.hysteresis.simulate(given, state).values
+        y = self.hysteresis.simulate(commands, state).values
         if self.creep is not None:
             y = self.creep.simulate(y, dt, creep_start(self.creep, y, dt, start)).values
         for element in (self.modes, self.lag):
@@ -189,7 +166,7 @@ class DriveModel:
         return self.offset + self.sign * y
 
     def outside(self, u: ArrayLike) -> str:
-        """Say where commands leave what the model was identified on.
+        """Return a warning about commands outside the range of the identification.
 
         Parameters
         ----------
@@ -199,74 +176,74 @@ class DriveModel:
         Returns
         -------
         str
-            One sentence, or an empty text where they stay inside.
+            One sentence, or an empty text if they are inside.
         """
         if self.validity is None:
             return ""
-        given = np.asarray(u, dtype=np.float64)
+        commands = np.asarray(u, dtype=np.float64)
         low, high = self.validity.input_range
-        beyond = max(low - float(given.min()), float(given.max()) - high) / (high - low)
+        beyond = max(low - float(commands.min()), float(commands.max()) - high) / (high - low)
         if beyond <= 1e-6:
             return ""
         return (
-            f"the commands, {readable(self.input_unit, given.min(), given.max())}, go beyond the "
-            f"{readable(self.input_unit, low, high)} that the model was identified on, by up to "
-            f"{100.0 * beyond:.2g} % of that range: its output there is extrapolated"
+            f"the commands, {readable(self.input_unit, commands.min(), commands.max())}, exceed "
+            f"the range of the identification, {readable(self.input_unit, low, high)}, by up to "
+            f"{100.0 * beyond:.2g} % of that range: the output there is extrapolated"
         )
 
 
 def lowest_reading(drive: DriveModel) -> float:
-    """Return the lowest reading that a drive was seen at; a ModelError where nobody says it."""
+    """Return the lowest reading of an identification; a ModelError without a validity range."""
     if drive.validity is None:
-        raise ModelError("--relative needs a model that says on which range it was identified")
+        raise ModelError("--relative needs a model with a validity range")
     return drive.validity.output_range[0]
 
 
 def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -> tuple[Array, str]:
     """Return values in the unit of a model.
 
-    Units are empty where nobody has said. The sentence is empty where nothing was converted. A
-    ModelError where one unit alone is known, or their dimensions differ.
+    Unknown units are empty. The second result is a note on the conversion, or empty. A ModelError
+    if only one unit is known, or their dimensions differ.
 
     Examples
     --------
     >>> in_unit_of_model([0.02], "mm", "um", "reference")
     (array([20.]), 'the reference was converted from mm to um, the unit of the model')
     """
-    given = samples(values, what)
+    numbers = samples(values, what)
     if unit == model_unit:
-        return given, ""
+        return numbers, ""
     if not unit:
         raise ModelError(
-            f"the {what} has no unit and the model is in {model_unit}: say it behind "
+            f"the {what} has no unit and the model is in {model_unit}: give it after "
             f'the column, such as --column "1 {model_unit}"'
         )
     if not model_unit:
         raise ModelError(
             f"the {what} is in {unit} and the model was identified without a unit: identify it "
-            'again with units behind the columns, such as --output "1 um"'
+            'again with units after the columns, such as --output "1 um"'
         )
     try:
-        (own, si), (wanted, model_si) = si_unit(unit), si_unit(model_unit)
+        (unit_factor, si), (model_factor, model_si) = si_unit(unit), si_unit(model_unit)
     except UnitError as error:
         raise ModelError(f"the {what} is in {unit}, the model in {model_unit}: {error}") from error
     if si != model_si:
         raise ModelError(
-            f"the {what} is in {unit}, the model gives {model_unit}: say its unit behind "
-            "--column, or choose another column"
+            f"the {what} is in {unit}, the output of the model in {model_unit}: give its unit "
+            "with --column, or select another column"
         )
-    made = given * (own / wanted)
-    return made, f"the {what} was converted from {unit} to {model_unit}, the unit of the model"
+    converted = numbers * (unit_factor / model_factor)
+    return converted, f"the {what} was converted from {unit} to {model_unit}, the unit of the model"
 
 
-def unsuited(
+def range_warnings(
     model: DriveModel, dt: float, *, command: ArrayLike, reading: ArrayLike | None = None
 ) -> tuple[str, ...]:
-    """Say where a command and its readings leave what a model was identified on.
+    """Return warnings about a command and its readings outside the validity range of a model.
 
-    One sentence for each: the range of the command, spans that another prefix of the unit would
-    explain, and rates of cycles that were not identified; none of a model without such ranges. The
-    readings are wanted or measured ones.
+    One sentence for each: the range of the command, spans that indicate a wrong prefix of the unit,
+    and other rates of cycles; none for a model without such ranges. The readings are requested or
+    measured ones.
     """
     if model.validity is None:
         return ()
@@ -277,43 +254,45 @@ def unsuited(
         y = samples(reading, "reading")
         spans.append(("reference or reading", y, limits.output_range, model.output_unit))
     return tuple(
-        said
-        for said in (
+        sentence
+        for sentence in (
             model.outside(u),
-            *(_span(*given) for given in spans),
+            *(_span(*span) for span in spans),
             _rate(u, dt, limits.rate_range_hz),
         )
-        if said
+        if sentence
     )
 
 
-def _span(what: str, values: Array, known: tuple[float, float], unit: str) -> str:
-    """Say that values span far more or far less than what is known."""
-    own, size = float(np.ptp(values)), known[1] - known[0]
-    if not size > 0.0 or size / PREFIX <= own <= size * PREFIX:
+def _span(what: str, values: Array, limits: tuple[float, float], unit: str) -> str:
+    """Return a warning about values that span far more or far less than the limits."""
+    spread, size = float(np.ptp(values)), limits[1] - limits[0]
+    if not size > 0.0 or size / PREFIX <= spread <= size * PREFIX:
         return ""
-    seen = f"{readable(unit, size)} that the model was identified on"
-    if own == 0.0:
-        return f"the {what} stands still, at {readable(unit, values[0], digits=5)}, of {seen}"
-    much = f"{own / size:.3g} times" if own > size else f"1/{size / own:.3g} of"
-    return f"the {what} spans {readable(unit, own)}, {much} the {seen}: is its unit right?"
+    reference = f"{readable(unit, size)} of the identification"
+    if spread == 0.0:
+        return (
+            f"the {what} is constant at {readable(unit, values[0], digits=5)}, within {reference}"
+        )
+    much = f"{spread / size:.3g} times" if spread > size else f"1/{size / spread:.3g} of"
+    return f"the {what} spans {readable(unit, spread)}, {much} the {reference}: check its unit"
 
 
-def _rate(u: Array, dt: float, known: tuple[float, float]) -> str:
-    """Say that cycles are faster or slower than those that are known."""
-    if not known[1] > 0.0 or not np.ptp(u) > 0.0:
+def _rate(u: Array, dt: float, limits: tuple[float, float]) -> str:
+    """Return a warning about cycles faster or slower than those of the identification."""
+    if not limits[1] > 0.0 or not np.ptp(u) > 0.0:
         return ""
     rates = cycles(u, dt).rates_hz
-    slow, fast = known[0] / _OTHER_RATE, known[1] * _OTHER_RATE
+    slow, fast = limits[0] / _OTHER_RATE, limits[1] * _OTHER_RATE
     other = [rate for rate in rates if not slow <= rate <= fast]
     if not other:
         return ""
-    at = f"{known[0]:.3g} Hz"
-    if known[1] > known[0]:
-        at = f"{known[0]:.3g} to {known[1]:.3g} Hz"
-    found = ", ".join(f"{rate:.3g}" for rate in other)
+    at = f"{limits[0]:.3g} Hz"
+    if limits[1] > limits[0]:
+        at = f"{limits[0]:.3g} to {limits[1]:.3g} Hz"
+    rates_text = ", ".join(f"{rate:.3g}" for rate in other)
     return (
-        f"cycles repeat at {found} Hz and the model was identified at {at}: lag, creep and "
+        f"cycles repeat at {rates_text} Hz and the model was identified at {at}: lag, creep and "
         "resonance at other rates are extrapolated; record cycles at that rate as well"
     )
 
@@ -321,8 +300,8 @@ def _rate(u: Array, dt: float, known: tuple[float, float]) -> str:
 def parameter_unit(kind: str, name: str, input_unit: str, output_unit: str) -> str:
     """Return the unit of a parameter.
 
-    Of a kind that has an exponent it is that for 1. A name may be an element, such as
-    ``weights[3]``; units that nobody has said are called input and output.
+    For a kind with an exponent it is that for 1. A name may be an element, such as ``weights[3]``;
+    unknown units are called input and output.
 
     Examples
     --------

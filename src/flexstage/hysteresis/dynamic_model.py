@@ -1,4 +1,4 @@
-"""The dynamic model of a stage: its drives and modes, from commands to readings."""
+"""Dynamic model of a stage: its drives and modes, from commands to readings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -11,8 +11,12 @@ from flexstage.base.errors import ModelError
 from flexstage.base.short_repr import short_repr
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.hysteresis.chain.element import checked_state, positive_step
-from flexstage.hysteresis.chain.fitted_segments import forcing
+from flexstage.hysteresis.chain.element import (
+    checked_state,
+    forcing,
+    positive_step,
+    values_at_samples,
+)
 from flexstage.hysteresis.chain.lag import lags_through_segments
 from flexstage.hysteresis.chain.modal import (
     modes_along_lines,
@@ -20,26 +24,25 @@ from flexstage.hysteresis.chain.modal import (
     unit_step,
 )
 from flexstage.hysteresis.chain.sensor import Sensor
-from flexstage.hysteresis.chain.stage_modes import values_at_samples
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.system import MechanicalSystem, drive_stiffness
 
 
-def _unknown() -> Array:
+def _empty() -> Array:
     return np.zeros(0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelDrive:
-    """One input of a stage, and how the readings follow from it.
+    """Input of a stage, and its effect on the readings.
 
-    The command passes the amplifier, then the hysteresis or a gain, which gives the free
-    displacement w of the drive (the force, of a drive that is a pure force), then creep. Each mode
-    i answers w by ``z'' + 2 zeta omega z' + omega^2 z = omega^2 (w + t_i w')``, of unit static
-    gain; each lag of the creep by ``tau l' + l = w``. What the probes read of this drive is
-    ``mode_weights @ [z, z'] + lag_weights @ l + feedthrough w``. `assembled_model` fills in the
-    weights, and what else is of the stage.
+    The command passes the amplifier, then the hysteresis or a gain, whose output is the free
+    displacement w of the drive (the force, for a pure force), then creep. Each mode i follows w by
+    ``z'' + 2 zeta omega z' + omega^2 z = omega^2 (w + t_i w')``, of unit static
+    gain; each lag of the creep by ``tau l' + l = w``. The contribution of this drive to the probes
+    is ``mode_weights @ [z, z'] + lag_weights @ l + feedthrough w``. `assembled_model` sets the
+    weights and the other data of the stage.
     """
 
     name: str
@@ -51,26 +54,26 @@ class ModelDrive:
     creep: Creep | None = None
     """Creep of the free displacement; None for none."""
     input_range: tuple[float, float] | None = None
-    """Lowest and highest voltage that the stack allows [V]; None where nobody has said."""
+    """Lowest and highest voltage of the stack [V]; None if unknown."""
     kind: str = "piezo"
     """``piezo``, ``screw`` or ``force``."""
     unit: str = "V"
     """Unit of the command: V, m or N."""
     gain: float = 1.0
-    """Free displacement or force over voltage, where there is no hysteresis [m/V, 1]."""
+    """Free displacement or force over voltage, without hysteresis [m/V, 1]."""
     stiffness: float | None = None
-    """Stiffness of the drive [N/m]; None where it is rigid, 0 for a pure force."""
-    mode_weights: Array = field(default_factory=_unknown)
+    """Stiffness of the drive [N/m]; None for a rigid drive, 0 for a pure force."""
+    mode_weights: Array = field(default_factory=_empty)
     """Weights of the deflections in the first k columns [1] and of their rates in the others [s],
     one row a probe, shape (p, 2 k).
     """
-    lag_weights: Array = field(default_factory=_unknown)
+    lag_weights: Array = field(default_factory=_empty)
     """Weights of the lags of the creep [1], shape (p, m)."""
-    feedthrough: Array = field(default_factory=_unknown)
-    """Weights of w itself [1], shape (p,): of an imposed displacement, and of modes left out."""
-    rate_time: Array = field(default_factory=_unknown)
-    """Times t_i [s], shape (k,): 2 zeta/omega where the displacement is imposed, else 0."""
-    modal_gain: Array = field(default_factory=_unknown)
+    feedthrough: Array = field(default_factory=_empty)
+    """Weights of w itself [1], shape (p,): of an imposed displacement, and of omitted modes."""
+    rate_time: Array = field(default_factory=_empty)
+    """Times t_i [s], shape (k,): 2 zeta/omega for an imposed displacement, else 0."""
+    modal_gain: Array = field(default_factory=_empty)
     """Deflection of each mode, of unit modal mass, for a unit of w at rest, shape (k,): without
     creep and with `DynamicModel.probe_shapes`, the weights of the deflections are ``probe_shapes
     * modal_gain``.
@@ -79,7 +82,7 @@ class ModelDrive:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelProbe:
-    """One output of a stage."""
+    """Output of a stage."""
 
     name: str
     """Name of the probe."""
@@ -91,12 +94,12 @@ class ModelProbe:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelState:
-    """What a dynamic model remembers."""
+    """State of a dynamic model."""
 
     time: float = 0.0
     """Time of the last sample [s]."""
     amplifiers: dict[str, Array] = field(default_factory=dict)
-    """State of the amplifier by drive, or the command alone where there is none [V]."""
+    """State of the amplifier by drive, or the command without an amplifier [V]."""
     hysteresis: dict[str, Array] = field(default_factory=dict)
     """State of the hysteresis by drive."""
     lags: dict[str, Array] = field(default_factory=dict)
@@ -111,50 +114,47 @@ class ModelState:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelResponse:
-    """What a stage does under sequences of commands."""
+    """Response of a stage to sequences of commands."""
 
     time: Array
     """Times [s], shape (n,)."""
     voltage: dict[str, Array]
-    """What comes out of the amplifier of each drive [V], its command where there is none, shape
-    (n,).
-    """
+    """Output of the amplifier of each drive [V], or the command without one, shape (n,)."""
     free_displacement: dict[str, Array]
     """Free displacement of each drive, with creep [m], or its force [N], shape (n,)."""
     motion: dict[str, Array]
     """True motion at each probe [m], shape (n,)."""
     readings: dict[str, Array]
-    """What the sensor of each probe says, the true motion where there is none, shape (n,)."""
+    """Reading of the sensor of each probe, or the true motion without a sensor, shape (n,)."""
     state: ModelState
     """State at the last sample."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DynamicModel:
-    r"""A stage with its drives: amplifiers, hysteresis, creep, modes, sensors.
+    r"""Dynamic model of a stage: amplifiers, hysteresis, creep, modes, sensors.
 
     .. math:: M\ddot q + C\dot q + (K + \sum_d k_d b_d b_d^T) q = \sum_d k_d b_d w_d(t),
               \qquad y = P q
 
-    with the free displacement :math:`w_d` of each drive. The stiffness of the drives is in the
-    modes, so a stack works against the stage as it does in reality: at rest it gives the part
+    with the free displacement :math:`w_d` of each drive. The modes include the stiffness of the
+    drives, so that a stack works against the stage: at rest its elongation is the share
     `load_factor` of its free displacement.
 
-    Voltages move on straight lines between the samples. For these the readings are exact: the
-    hysteresis is known between the samples, in closed form where the model has one and within 1e-10
-    of its output where not, and the modes are stepped through it. Creep is linear and its product
-    with a mode is a sum of both (partial fractions), so that both are stepped side by side and
-    neither adds an error.
+    Voltages are straight lines between the samples. For these the readings are exact: the
+    hysteresis is known between the samples, in closed form or else within 1e-10 of its output, and
+    the modes are stepped through it. Creep is linear and its product with a mode is a sum of both
+    (partial fractions), so that both are stepped in parallel without an additional error.
 
     Validity: that of the mechanical system and of the hysteresis models; small motion, one
     temperature; the hysteresis depends on the voltage and not on the force of the stack; output of
-    an amplifier and input of a sensor are taken as straight between samples.
+    an amplifier and input of a sensor are straight lines between samples.
     """
 
     name: str
     """Name of the stage."""
     title: str
-    """One line that says what it is."""
+    """Title, one line."""
     step: float
     """Step between samples [s]."""
     omega: Array
@@ -168,9 +168,9 @@ class DynamicModel:
     probe_shapes: Array
     """Reading of each probe for the modes of unit modal mass, shape (p, k)."""
     system: MechanicalSystem
-    """Where modes and weights come from."""
+    """Mechanical system of the modes and weights."""
     notes: tuple[str, ...] = ()
-    """Where the model stops being valid, and what was chosen for it."""
+    """Limits of validity, and assumptions."""
 
     __repr__ = short_repr
 
@@ -186,7 +186,7 @@ class DynamicModel:
         return [p.name for p in self.probes].index(self.system.probe(probe).name)
 
     def as_exported(self) -> "DynamicModel":
-        """Return the model as other programs have it: no noise, and no voltage is refused."""
+        """Return the model for other programs: without noise, and without limits of the voltage."""
         return replace(
             self,
             drives=tuple(replace(d, input_range=None) for d in self.drives),
@@ -197,7 +197,7 @@ class DynamicModel:
         )
 
     def load_factor(self, drive: str) -> float:
-        r"""Return the part of the free displacement of a drive that the stage lets it have.
+        r"""Return the elongation of a drive in the stage over its free displacement, at rest.
 
         .. math:: \frac{k_s}{k_s + k_{in}}
 
@@ -233,19 +233,18 @@ class DynamicModel:
         return float(self.probe_shapes[row] @ d.modal_gain + d.feedthrough[row])
 
     def settled(self, commands: Mapping[str, float] | None = None) -> ModelState:
-        """Return the state after commands went from zero to a value and stayed there.
+        """Return the state at rest after a movement from zero to constant commands.
 
-        Commands are by drive [V, m or N]; zero for those that are not named. The next sample is at
-        time zero.
+        Commands are by drive [V, m or N], zero by default. The next sample is at time zero.
         """
-        given = dict(commands or {})
-        for name in given:
+        values = dict(commands or {})
+        for name in values:
             self.drive(name)
         k = self.omega.size
-        made = ModelState(time=-positive_step(self.step))
+        state_at_rest = ModelState(time=-positive_step(self.step))
         reading = np.zeros(len(self.probes))
         for d in self.drives:
-            amplifier = np.array([float(given.get(d.name, 0.0))])
+            amplifier = np.array([float(values.get(d.name, 0.0))])
             if d.amplifier is not None:
                 amplifier = d.amplifier.settled(float(amplifier[0]), self.step)
             voltage = amplifier[-1:]
@@ -254,17 +253,17 @@ class DynamicModel:
             else:
                 response = d.hysteresis.simulate(voltage, d.hysteresis.initial_state())
                 state, w = response.state, float(response.values[0])
-            made.amplifiers[d.name] = amplifier
-            made.hysteresis[d.name] = state
-            made.lags[d.name] = np.full(d.lag_weights.shape[1], w)
-            made.deflections[d.name] = np.full(k, w)
-            made.rates[d.name] = np.zeros(k)
+            state_at_rest.amplifiers[d.name] = amplifier
+            state_at_rest.hysteresis[d.name] = state
+            state_at_rest.lags[d.name] = np.full(d.lag_weights.shape[1], w)
+            state_at_rest.deflections[d.name] = np.full(k, w)
+            state_at_rest.rates[d.name] = np.zeros(k)
             weights = np.ascontiguousarray(d.mode_weights[:, :k])
             _read_at_rest(w, weights, d.lag_weights, d.feedthrough, reading)
         for probe, value in zip(self.probes, reading.tolist(), strict=True):
             if probe.sensor is not None:
-                made.sensors[probe.name] = probe.sensor.settled(value, self.step)
-        return made
+                state_at_rest.sensors[probe.name] = probe.sensor.settled(value, self.step)
+        return state_at_rest
 
     def simulate(
         self, commands: Mapping[str, ArrayLike], state: ModelState | None = None
@@ -274,7 +273,7 @@ class DynamicModel:
         Parameters
         ----------
         commands : Mapping
-            Command of each drive [V, m or N], shape (n,); drives that are not named keep theirs.
+            Command of each drive [V, m or N], shape (n,); other drives keep theirs.
         state : ModelState, optional
             State one step before the first sample; settled at the first where not given.
 
@@ -287,36 +286,36 @@ class DynamicModel:
         ------
         ModelError
             A drive does not exist, sequences differ in length or are not finite, a voltage is
-            outside the range of its stack, or the state is not one of this model.
+            outside the range of its stack, or the state does not belong to this model.
         """
         h = positive_step(self.step)
-        given = {
+        inputs = {
             self.drive(n).name: samples(u, f"command of drive '{n}'") for n, u in commands.items()
         }
-        sizes = {u.size for u in given.values()}
+        sizes = {u.size for u in inputs.values()}
         if len(sizes) != 1:
             raise ModelError(
-                f"the commands of a model must be at least one and equally long, got {sizes or 0}"
+                f"a model needs at least one command, all of the same length, got {sizes or 0}"
             )
         n = sizes.pop()
         if state is None:
-            state = self.settled({name: float(u[0]) for name, u in given.items()})
+            state = self.settled({name: float(u[0]) for name, u in inputs.items()})
         self._refuse_state(state)
-        # the last row is of use for each drive in turn
+        # the last row is for the free displacement of each drive in turn
         y = np.zeros((len(self.probes) + 1, n))
         time = state.time + h * np.arange(1, n + 1, dtype=np.float64)
         after = ModelState(time=float(time[-1]))
         voltage, free = {}, {}
         for d in self.drives:
-            u = given[d.name] if d.name in given else np.full(n, state.amplifiers[d.name][0])
+            u = inputs[d.name] if d.name in inputs else np.full(n, state.amplifiers[d.name][0])
             voltage[d.name], free[d.name] = self._drive(d, u, state, after, y)
         motion = dict(zip((p.name for p in self.probes), y, strict=False))
         readings = dict(motion)
         for probe in self.probes:
             if probe.sensor is not None:
-                before = state.sensors[probe.name]
-                seen = probe.sensor.simulate(motion[probe.name], h, before)
-                readings[probe.name], after.sensors[probe.name] = seen.values, seen.state
+                sensor_state = state.sensors[probe.name]
+                reading = probe.sensor.simulate(motion[probe.name], h, sensor_state)
+                readings[probe.name], after.sensors[probe.name] = reading.values, reading.state
         return ModelResponse(
             time=time,
             voltage=voltage,
@@ -333,13 +332,13 @@ class DynamicModel:
             raise ModelError(
                 f"the state has the drives {sorted(state.deflections)} and sensors "
                 f"{sorted(state.sensors)}, the model {sorted(drives)} and "
-                f"{sorted(sensors)}: take the state that the model returned"
+                f"{sorted(sensors)}: use a state that the model returned"
             )
 
     def _drive(
         self, d: ModelDrive, u: Array, before: ModelState, after: ModelState, y: Array
     ) -> tuple[Array, Array]:
-        """Add to y what one drive does; return its voltage and free displacement."""
+        """Add the contribution of one drive to y; return its voltage and free displacement."""
         h, k, name = self.step, self.omega.size, d.name
         voltage, amplifier = u, u[-1:].copy()
         if d.amplifier is not None:
@@ -380,8 +379,8 @@ def required_stiffness(system: MechanicalSystem, drive: str) -> float:
     if not k:
         kind = "is rigid" if k is None else "has no stiffness"
         raise ModelError(
-            f"drive '{drive}' {kind}: a model needs the stiffness of a stack, which turns its free "
-            "displacement into a force"
+            f"drive '{drive}' {kind}: a model needs the stiffness of a stack, by which its free "
+            "displacement is a force"
         )
     return k
 
@@ -393,14 +392,14 @@ def _refuse_voltage(d: ModelDrive, voltage: Array) -> None:
     bad = np.flatnonzero((voltage < low) | (voltage > high))
     if bad.size:
         raise ModelError(
-            f"drive '{d.name}' gets {voltage[bad[0]]:g} V at sample {bad[0]}, and its stack allows "
-            f"{low:g} to {high:g} V"
+            f"the voltage of drive '{d.name}' is {voltage[bad[0]]:g} V at sample {bad[0]}, outside "
+            f"the range of its stack, {low:g} to {high:g} V"
         )
 
 
 @compiled
 def _read_at_rest(w: float, reader: Array, lags: Array, feedthrough: Array, y: Array) -> None:
-    """Add what probes read of a drive that rests, in the order in which a step adds it."""
+    """Add the readings of a drive at rest, in the order of the sums of a step."""
     for p in range(y.size):
         total = y[p]
         for i in range(reader.shape[1]):

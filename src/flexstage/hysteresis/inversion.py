@@ -1,16 +1,24 @@
-"""The command that makes a drive follow a reference: once, or over and over."""
+"""Command by which a drive follows a reference, once or repeatedly."""
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d
 
 from flexstage.base.errors import ModelError
-from flexstage.hysteresis.chain.creep import Creep
+from flexstage.files.plain import picked
+from flexstage.files.result import Result
+from flexstage.hysteresis.chain.creep import Creep, Start, creep_start
 from flexstage.hysteresis.chain.element import positive_step
-from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start, unsuited
+from flexstage.hysteresis.drive_model import (
+    DriveModel,
+    in_unit_of_model,
+    lowest_reading,
+    range_warnings,
+)
 from flexstage.hysteresis.limited_inverse import (
     HIGHEST,
     command_limits,
@@ -22,38 +30,42 @@ from flexstage.hysteresis.limited_inverse import (
     within_band,
 )
 from flexstage.hysteresis.model import Array, checked, samples
+from flexstage.hysteresis.model_file import ModelFile
 from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.quantities.units import readable
 from flexstage.records import Channel, Record
 
-#: A reference is made smooth up to this share of the lowest resonance.
+if TYPE_CHECKING:
+    import pandas
+
+#: Bandwidth of a smoothed reference over the lowest resonance.
 _BAND = 0.25
-#: A reference that changes less than this by smoothing, over its range, was smooth.
+#: Largest change of a smooth reference by smoothing, over its range.
 _SMOOTH = 1e-6
-#: A first sample farther from where the drive stands than this share of the limits is told.
+#: Smallest jump to the first sample that is reported, as a share of the limits.
 _JUMP = 0.01
-#: What the lags of creep begin with is known from the command, and that from them: they are found
+#: The first state of creep depends on the command, and the command on that state: both are found
 #: in turn, until they change by less than this share of the range, at most so many times.
-_ALIKE = 1e-12
-_TURNS = 200
-#: The mean of an endless repetition creeps for ever: it is that at this time after the start [s].
+_CONVERGED = 1e-12
+_ITERATIONS = 200
+#: Time after the start of an endless repetition for the mean of its creep, which never settles [s].
 _SETTLED = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Feedforward:
-    """A command, what it should give, and what had to be changed."""
+    """Command for a reference, with its prediction and changes."""
 
     time: Array
     """Times [s], shape (n,)."""
     command: Array
     """The command [unit of the input], shape (n,)."""
     reference: Array
-    """The reference that it follows, after smoothing [unit of the output], shape (n,)."""
-    wanted: Array
-    """The reference as it was given, shape (n,)."""
+    """The smoothed reference [unit of the output], shape (n,)."""
+    requested: Array
+    """The reference before smoothing, shape (n,)."""
     predicted: Array
-    """What the model gives for the command, shape (n,)."""
+    """Reading of the model for the command, shape (n,)."""
     start: Array
     """State of the hysteresis before the first sample."""
     smoothing: float
@@ -61,26 +73,26 @@ class Feedforward:
     limited: int
     """Number of samples at which a limit changed the command."""
     limit_note: str
-    """How much of the reference is lost by that; empty where nothing is."""
+    """Message about this change; empty for none."""
     notes: tuple[str, ...]
-    """What was changed, and how much of the reference is lost by it."""
+    """Changes of the reference and the command, with the resulting errors."""
 
     @property
     def rms_error(self) -> float:
-        """Root mean square of the prediction less the given reference [unit of the output]."""
-        return float(np.sqrt(np.mean((self.predicted - self.wanted) ** 2)))
+        """Rms of the prediction less the requested reference [unit of the output]."""
+        return float(np.sqrt(np.mean((self.predicted - self.requested) ** 2)))
 
     @property
     def largest_error(self) -> float:
-        """Largest absolute value of the prediction less the given reference."""
-        return float(np.max(np.abs(self.predicted - self.wanted)))
+        """Largest absolute value of the prediction less the requested reference."""
+        return float(np.max(np.abs(self.predicted - self.requested)))
 
 
-def command_as_asked(
+def command_of_request(
     model: DriveModel,
     reference: ArrayLike,
     dt: float,
-    asked: CompensateRequest,
+    request: CompensateRequest,
     *,
     periods: int | None = None,
 ) -> Feedforward:
@@ -90,11 +102,11 @@ def command_as_asked(
         reference,
         dt,
         periods=periods,
-        limits=asked.voltage,
-        largest_rate=asked.amplifier.largest_rate,
-        state=model.hysteresis.initial_state() if asked.start == "rest" else None,
-        start=None if isinstance(asked.start, str) else asked.start,
-        band_hz=asked.reference_bandwidth,
+        limits=request.voltage,
+        largest_rate=request.amplifier.largest_rate,
+        state=model.hysteresis.initial_state() if request.start == "rest" else None,
+        start=None if isinstance(request.start, str) else request.start,
+        band_hz=request.reference_bandwidth,
     )
 
 
@@ -114,28 +126,27 @@ def feedforward(
 
     .. math:: u = H^{-1} \circ C^{-1} \circ S^{-1} (r(t + t_d))
 
-    The hysteresis is undone sample by sample, and what is behind it according to the reference. Of
-    a motion that is made once the delay is led, the modes are undone by the derivatives of the
-    reference, and creep by its exact recursion. The reference must have two derivatives for this:
-    where the model has a resonance, corners are rounded first. Of a motion that repeats, modes and
-    lag are undone harmonic by harmonic, which is exact and needs no rounding.
+    The hysteresis is inverted sample by sample. For a single motion, the delay is compensated by a
+    lead, the modes by derivatives of the reference, and creep by its exact recursion. The reference
+    needs two derivatives for this: for a model with a resonance, corners are rounded first. For a
+    repeated motion, modes and lag are inverted for each harmonic, which is exact without rounding.
 
     Parameters
     ----------
     model : DriveModel
         The drive.
     reference : array_like
-        Readings that are wanted [unit of the output], shape (n,); one period of them where
-        `periods` are given.
+        Requested readings [unit of the output], shape (n,); one period of them if `periods` is
+        given.
     dt : float
         Time from one sample to the next [s].
     periods : int, optional
-        How often the reference is repeated; the commands of the periods differ by what creeps. 0
-        for one period that repeats without end: then the memory of the hysteresis is sought that is
-        the same after each, and the slow part of creep, which never repeats, is taken as it is ten
-        seconds after the start. A motion that is made once where not given.
+        Number of repetitions of the reference; the commands of the periods differ by creep. 0 for
+        one endlessly repeated period: the memory of the hysteresis is then periodic, and slow
+        creep, which is not, has its value ten seconds after the start. A single motion where not
+        given.
     limits : tuple of float, optional
-        Lowest and highest command; the range that the model was identified on where not given.
+        Lowest and highest command; the range of the identification where not given.
     largest_rate : float, optional
         Largest rate of the command [unit of the input per second]; none where not given or
         infinite.
@@ -143,14 +154,14 @@ def feedforward(
         State of the hysteresis before the first sample; that after conditioning cycles where not
         given. An endless repetition has its own.
     band_hz : float, optional
-        Band that the reference is smoothed to [Hz]. Of a motion that is made once it is that of a
-        Gaussian filter; a quarter of the lowest resonance where not given, and none where the model
-        has no resonance. Of one that repeats, harmonics above it are left out; 0.4 of the sample
-        rate where not given.
+        Bandwidth of the smoothed reference [Hz]. For a single motion it is that of a Gaussian
+        filter; a quarter of the lowest resonance where not given, and none for a model without
+        resonance. For a repeated one, harmonics above it are omitted; 0.4 of the sample rate where
+        not given.
     start : "rested", float or numpy.ndarray, optional
-        What the drive did before, for its creep, or the state of its creep, as in
-        `DriveModel.simulate`. Where not given it had settled at the first reference if a state is
-        given, and else did what it did before the record that the model was identified from.
+        Motion of the drive before, for its creep, or the state of its creep, as in
+        `DriveModel.simulate`. Where not given, rest at the first reference if a state is given,
+        otherwise the start of the record of the identification.
 
     Returns
     -------
@@ -160,35 +171,44 @@ def feedforward(
     Raises
     ------
     ModelError
-        The reference is no finite sequence or wholly out of reach, or the model has no inverse.
+        The reference is no finite sequence or completely out of reach, or the model has no inverse.
     """
-    given = samples(reference, "reference")
+    values = samples(reference, "reference")
     positive_step(dt)
     if largest_rate == math.inf:  # of an amplifier without a limit
         largest_rate = None
     if periods is not None and periods < 0:
-        raise ModelError(f"a motion is repeated once or more, or 0 for without end, got {periods}")
+        raise ModelError(
+            f"the number of periods must be at least 1, or 0 for endless, got {periods}"
+        )
     if start is None:
         start = model.start if state is None else "rested"
     endless, count = periods == 0, periods or 1
-    wanted = np.tile(given, count)
+    requested = np.tile(values, count)
     memory = steady_start(model) if endless else _memory(model, state)
     low, high = command_limits(model, limits)
-    one, notes = _made_smooth(model, given, dt, band_hz, repeats=periods is not None)
-    smooth = np.tile(one, count)
+    period_reference, notes = _smooth_reference(
+        model, values, dt, band_hz, repeats=periods is not None
+    )
+    smooth = np.tile(period_reference, count)
     if endless:
-        found = steady_input(model, _endless(model, one, dt, band_hz), (low, high), wanted=given)
+        inverse = steady_input(
+            model,
+            _endless_target(model, period_reference, dt, band_hz),
+            (low, high),
+            requested=values,
+        )
     else:
         if periods is None:
-            target = _made_once(model, smooth, dt)
+            target = _single_motion_target(model, smooth, dt)
         else:
-            x = steady_displacement(model, one, 1.0 / dt, creep=False, band_hz=band_hz)
+            x = steady_displacement(model, period_reference, 1.0 / dt, creep=False, band_hz=band_hz)
             target = np.tile(x, count)
         if model.creep is not None:
-            target = _without_creep(model.creep, target, dt, start)
-        found = limited_inverse(model, target, memory, (low, high), wanted)
-    slow = _rate_limited(found.command, largest_rate, dt, closed=endless)
-    limited = found.missed | (np.abs(slow - found.command) > 1e-9 * (high - low))
+            target = _invert_creep(model.creep, target, dt, start)
+        inverse = limited_inverse(model, target, memory, (low, high), requested)
+    slow = _rate_limited(inverse.command, largest_rate, dt, closed=endless)
+    limited = inverse.missed | (np.abs(slow - inverse.command) > 1e-9 * (high - low))
     if endless:
         predicted = steady_reading(model, slow, 1.0 / dt, _SETTLED)
     else:
@@ -197,30 +217,30 @@ def feedforward(
     if limited.any():
         lost = float(np.max(np.abs(predicted - smooth)))
         limit_note = (
-            f"limits changed {int(limited.sum())} of {wanted.size} samples of the command; the "
-            f"largest error that follows is {readable(model.output_unit, lost)}"
+            f"limits changed {int(limited.sum())} of {requested.size} samples of the command; the "
+            f"largest resulting error is {readable(model.output_unit, lost)}"
         )
         notes.append(limit_note)
-    before = float(memory[0])
-    if not endless and abs(slow[0] - before) > max(
+    rest_command = float(memory[0])
+    if not endless and abs(slow[0] - rest_command) > max(
         _JUMP * (high - low), (largest_rate or 0.0) * dt
     ):
         notes.append(
-            f"the command begins at {readable(model.input_unit, slow[0], digits=5)}, the drive "
-            f"stands at {readable(model.input_unit, before, digits=5)} before: lead it there "
-            "slowly, in one movement"
+            f"the command begins at {readable(model.input_unit, slow[0], digits=5)}, but the drive "
+            f"rests at {readable(model.input_unit, rest_command, digits=5)}: move it to the first "
+            "command slowly, in one direction"
         )
     return Feedforward(
-        time=(np.arange(wanted.size) * dt).astype(np.float64),
+        time=(np.arange(requested.size) * dt).astype(np.float64),
         command=slow,
         reference=smooth,
-        wanted=wanted,
+        requested=requested,
         predicted=predicted,
         start=memory,
-        smoothing=float(np.max(np.abs(smooth - wanted))),
+        smoothing=float(np.max(np.abs(smooth - requested))),
         limited=int(limited.sum()),
         limit_note=limit_note,
-        notes=(*notes, *unsuited(model, dt, command=slow, reading=wanted)),
+        notes=(*notes, *range_warnings(model, dt, command=slow, reading=requested)),
     )
 
 
@@ -228,8 +248,8 @@ def _memory(model: DriveModel, state: ArrayLike | None) -> Array:
     return np.array(model.conditioned() if state is None else state, dtype=np.float64)
 
 
-def _made_once(model: DriveModel, reading: Array, dt: float) -> Array:
-    """Undo the delay and the modes of a motion that is made once."""
+def _single_motion_target(model: DriveModel, reading: Array, dt: float) -> Array:
+    """Invert the delay and the modes of a single motion."""
     target = model.sign * (reading - model.offset)
     if model.lag is not None:
         target = model.lag.lead(target, dt)
@@ -238,8 +258,8 @@ def _made_once(model: DriveModel, reading: Array, dt: float) -> Array:
     return target
 
 
-def _endless(model: DriveModel, reading: Array, dt: float, band_hz: float | None) -> Array:
-    """Undo all that is behind the hysteresis, of one period of many."""
+def _endless_target(model: DriveModel, reading: Array, dt: float, band_hz: float | None) -> Array:
+    """Invert the chain behind the hysteresis, for one period of an endless repetition."""
     x = steady_displacement(model, reading, 1.0 / dt, band_hz=band_hz)
     if model.creep is not None:
         mean = float(np.mean(reading) - model.offset) * model.sign
@@ -248,75 +268,77 @@ def _endless(model: DriveModel, reading: Array, dt: float, band_hz: float | None
     return x
 
 
-def _without_creep(creep: Creep, target: Array, dt: float, start: Start | Array) -> Array:
-    """Undo creep, by what the drive did before: that is told by the command which is looked for."""
+def _invert_creep(creep: Creep, target: Array, dt: float, start: Start | Array) -> Array:
+    """Invert creep, whose first state depends on the command."""
     if isinstance(start, np.ndarray):
         return creep.inverse(target, dt, start).values
     if start == "rested":
         return creep.inverse(target, dt).values
     x = target / creep.static_gain
-    for _ in range(_TURNS):
+    for _ in range(_ITERATIONS):
         change = creep.inverse(target, dt, creep_start(creep, x, dt, start)).values - x
-        # a state too high makes it too low, by less than the gain of all lags
+        # a state that is too high makes x too low, by less than the gain of all lags
         x = x + change / creep.static_gain
-        if np.max(np.abs(change)) <= _ALIKE * max(float(np.ptp(x)), 1e-300):
+        if np.max(np.abs(change)) <= _CONVERGED * max(float(np.ptp(x)), 1e-300):
             break
     return x
 
 
-def _made_smooth(
-    model: DriveModel, wanted: Array, dt: float, band_hz: float | None, *, repeats: bool
+def _smooth_reference(
+    model: DriveModel, requested: Array, dt: float, band_hz: float | None, *, repeats: bool
 ) -> tuple[Array, list[str]]:
     if band_hz is None and repeats:
         band_hz = HIGHEST / dt
     if band_hz is None and model.modes is not None:
         band_hz = _BAND * min(model.modes.frequency_hz)
     if band_hz is None:
-        return wanted, []
-    smooth = within_band(wanted, 1.0 / dt, band_hz) if repeats else smoothed(wanted, dt, band_hz)
-    change = np.abs(smooth - wanted)
-    if change.max() <= _SMOOTH * max(float(np.ptp(wanted)), 1e-300):
-        return wanted, []
+        return requested, []
+    smooth = (
+        within_band(requested, 1.0 / dt, band_hz) if repeats else smoothed(requested, dt, band_hz)
+    )
+    change = np.abs(smooth - requested)
+    if change.max() <= _SMOOTH * max(float(np.ptp(requested)), 1e-300):
+        return requested, []
     unit = model.output_unit
     return smooth, [
-        f"the reference was smoothed to a band of {band_hz:.3g} Hz: it changed by at most "
+        f"the reference was smoothed to a bandwidth of {band_hz:.3g} Hz: it changed by at most "
         f"{readable(unit, change.max())}, {readable(unit, np.sqrt(np.mean(change**2)))} rms"
     ]
 
 
 def reading_in_proportion(
     model: DriveModel,
-    made: Feedforward,
+    result: Feedforward,
     *,
     endless: bool = False,
     start: Start | Array | None = None,
 ) -> Array:
-    """Return what a model gives for a command in proportion to the reference, without its inverse.
+    """Return the reading for a command that is linear in the reference, without an inverse.
 
-    The command is on the straight line between those that `made` has where the reference is lowest
-    and highest, from the same state of the drive; `endless` and `start` are as for `made`.
+    The command is on the straight line between the commands of `result` at the lowest and highest
+    reference, from the same state of the drive; `endless` and `start` are as for `result`.
     """
-    first, last = int(made.wanted.argmin()), int(made.wanted.argmax())
-    low, high = made.wanted[first], made.wanted[last]
-    slope = (made.command[last] - made.command[first]) / (high - low) if high > low else 0.0
-    command = made.command[first] + slope * (made.wanted - low)
-    dt = float(made.time[1] - made.time[0])
+    first, last = int(result.requested.argmin()), int(result.requested.argmax())
+    low, high = result.requested[first], result.requested[last]
+    slope = (result.command[last] - result.command[first]) / (high - low) if high > low else 0.0
+    command = result.command[first] + slope * (result.requested - low)
+    dt = float(result.time[1] - result.time[0])
     if endless:
         return steady_reading(model, command, 1.0 / dt, _SETTLED)
-    return model.simulate(command, dt, made.start, start=model.start if start is None else start)
+    return model.simulate(command, dt, result.start, start=model.start if start is None else start)
 
 
 def smoothed(values: ArrayLike, dt: float, band_hz: float) -> Array:
-    """Return a sequence without what is above a band, and without delay.
+    """Return a sequence after a low-pass filter without delay.
 
     Parameters
     ----------
     values : array_like
-        The sequence, shape (n,); it is taken to stand still before and after.
+        The sequence, shape (n,); it is constant before and after.
     dt : float
         Time from one sample to the next [s].
     band_hz : float
-        Frequency at which 3 dB are lost [Hz].
+        Frequency of an attenuation of 3 dB [Hz].
 
     Returns
     -------
@@ -334,42 +356,97 @@ def smoothed(values: ArrayLike, dt: float, band_hz: float) -> Array:
     >>> round(float(smoothed(corner, 1e-3, 50.0)[50]), 3)
     2.089
     """
-    given = samples(values, "sequence")
+    sequence = samples(values, "sequence")
     checked(band_hz, "band", "positive and finite", "Hz")
-    duration = given.size * dt
+    duration = sequence.size * dt
     if band_hz * duration < 0.1:
         raise ModelError(
-            f"a band of {band_hz:g} Hz leaves nothing of a sequence of {duration:g} s: take at "
+            f"a bandwidth of {band_hz:g} Hz is too low for a sequence of {duration:g} s: use at "
             f"least {0.1 / duration:.3g} Hz"
         )
     # exp(-(2 pi f s)^2 / 2) = 1/sqrt(2) at the band
     spread = np.sqrt(np.log(2.0)) / (2.0 * np.pi * band_hz * dt)
-    return np.asarray(gaussian_filter1d(given, spread, mode="nearest", truncate=6.0))
+    return np.asarray(gaussian_filter1d(sequence, spread, mode="nearest", truncate=6.0))
 
 
 def _rate_limited(command: Array, largest_rate: float | None, dt: float, *, closed: bool) -> Array:
-    """Change the command by no more than a rate; also from its end to its beginning if closed."""
+    """Limit the rate of the command; also from its end to its beginning if closed."""
     if largest_rate is None:
         return command
     checked(largest_rate, "largest rate", "positive and finite")
     step = largest_rate * dt
     turns = 2 if closed else 1
-    made = np.tile(command, turns)
-    if np.max(np.abs(np.diff(made)), initial=0.0) <= step:
+    limited = np.tile(command, turns)
+    if np.max(np.abs(np.diff(limited)), initial=0.0) <= step:
         return command
-    for k in range(1, made.size):
-        made[k] = min(max(made[k], made[k - 1] - step), made[k - 1] + step)
-    return made[-command.size :]
+    for k in range(1, limited.size):
+        limited[k] = min(max(limited[k], limited[k - 1] - step), limited[k - 1] + step)
+    return limited[-command.size :]
 
 
-def command_record(made: Feedforward, drive: DriveModel) -> Record:
+def command_record(command: Feedforward, drive: DriveModel) -> Record:
     """Return time, command, reference and prediction as a record."""
     return Record(
         channels=(
-            Channel(name="command", values=made.command, unit=drive.input_unit),
-            Channel(name="reference", values=made.reference, unit=drive.output_unit),
-            Channel(name="predicted", values=made.predicted, unit=drive.output_unit),
+            Channel(name="command", values=command.command, unit=drive.input_unit),
+            Channel(name="reference", values=command.reference, unit=drive.output_unit),
+            Channel(name="predicted", values=command.predicted, unit=drive.output_unit),
         ),
-        time=made.time,
+        time=command.time,
         source="flexstage compensate",
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CompensationCommand(Result):
+    """Command with its model file."""
+
+    file: ModelFile
+    """The model, with the errors of its identification."""
+    feedforward: Feedforward
+    """The command."""
+    notes: tuple[str, ...]
+    """Warnings."""
+
+    @property
+    def band(self) -> float | None:
+        """Half the width of the 95 % band of held-out errors, over the stroke [%]."""
+        return self.file.errors.get("heldout_95")
+
+    @property
+    def drive(self) -> DriveModel:
+        """The model."""
+        return self.file.model
+
+    def data(self) -> dict[str, Any]:
+        command = self.feedforward.command
+        return {
+            **picked(self, "model=drive.hysteresis.kind", "samples=feedforward.time.size"),
+            "command_range": [float(command.min()), float(command.max())],
+            **picked(self, "input_unit=drive.input_unit", "output_unit=drive.output_unit"),
+            **picked(self.feedforward, "predicted_rms_error=rms_error"),
+            **picked(self.feedforward, "predicted_max_error=largest_error"),
+            **picked(self.feedforward, "smoothing", "limited_samples=limited"),
+            "notes": list(self.notes),
+        }
+
+    def to_frame(self) -> "pandas.DataFrame":
+        return command_record(self.feedforward, self.drive).to_frame()
+
+
+def compensate(
+    file: ModelFile,
+    reference: Record,
+    column: str | int,
+    request: CompensateRequest,
+) -> CompensationCommand:
+    """Return the command by which a drive follows a column of a record."""
+    drive, channel = file.model, reference.channel(column)
+    values, converted = in_unit_of_model(
+        channel.values, channel.unit, drive.output_unit, "reference"
+    )
+    if request.relative:
+        values = values + lowest_reading(drive)
+    command = command_of_request(drive, values, 1.0 / reference.sample_rate_hz, request)
+    notes = (*file.notes, *filter(None, [converted]), *command.notes, *reference.notes)
+    return CompensationCommand(request=request, file=file, feedforward=command, notes=notes)

@@ -1,4 +1,4 @@
-"""Figures of a loop: its width, and the error that width does not show."""
+"""Figures of a loop: its width, and the tracking error."""
 
 import itertools
 from dataclasses import dataclass
@@ -9,15 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.model import Array, samples
 
-#: Levels at which the two branches of a loop are compared.
+#: Number of levels at which the two branches of a loop are compared.
 _LEVELS = 401
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tracking:
-    """How well an output follows a reference.
+    """Tracking error of an output.
 
-    The width of the loop hides every error that both of its branches share; the other two do not.
+    The width of the loop excludes every error that both of its branches share; the other two
+    figures include it.
     """
 
     loop_width: float
@@ -35,11 +36,11 @@ def loop_branches(x: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> tuple[Array,
     cycle begins at a lower turning point of x. Returned: levels of x that all cycles reach, and y
     on the rising and on the falling branch there, averaged over the cycles.
     """
-    given, drawn = samples(x, "abscissa of a loop"), samples(y, "ordinate of a loop")
+    abscissa, ordinate = samples(x, "abscissa of a loop"), samples(y, "ordinate of a loop")
     edges = np.asarray(bounds, dtype=np.intp)
     if edges.size < 2:
         raise ModelError("a loop needs one whole cycle at least, got none")
-    parts = [(given[a : b + 1], drawn[a : b + 1]) for a, b in itertools.pairwise(edges)]
+    parts = [(abscissa[a : b + 1], ordinate[a : b + 1]) for a, b in itertools.pairwise(edges)]
     low = max(max(p[0], p[-1]) for p, _ in parts)
     high = min(float(p.max()) for p, _ in parts)
     if not low < high:
@@ -65,9 +66,9 @@ def loop_width(x: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> float:
     Parameters
     ----------
     x : array_like
-        What the loop is drawn over, shape (n,).
+        Abscissa of the loop, shape (n,).
     y : array_like
-        What is drawn, shape (n,).
+        Ordinate of the loop, shape (n,).
     bounds : array_like
         First sample of each cycle, and the sample after the last, shape (c + 1,).
 
@@ -93,9 +94,9 @@ def tracking(reference: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> Tracking:
     Parameters
     ----------
     reference : array_like
-        What was wanted, shape (n,).
+        Requested output, shape (n,).
     y : array_like
-        What came, in the same unit, shape (n,).
+        Actual output, in the same unit, shape (n,).
     bounds : array_like
         First sample of each cycle, and the sample after the last, shape (c + 1,).
 
@@ -105,11 +106,11 @@ def tracking(reference: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> Tracking:
         Width of the loop over the reference, and the difference from it.
     """
     edges = np.asarray(bounds, dtype=np.intp)
-    wanted, came = samples(reference, "reference"), samples(y, "output")
+    target, output = samples(reference, "reference"), samples(y, "output")
     within = slice(int(edges[0]), int(edges[-1]) + 1)
-    error: NDArray[np.float64] = came[within] - wanted[within]
+    error: NDArray[np.float64] = output[within] - target[within]
     return Tracking(
-        loop_width=loop_width(wanted, came, edges),
+        loop_width=loop_width(target, output, edges),
         rms=float(np.sqrt(np.mean(error**2))),
         largest=float(np.max(np.abs(error))),
     )

@@ -1,11 +1,11 @@
-"""What every hysteresis model is: frozen parameters, an explicit state, one step."""
+"""Base class of the hysteresis models: frozen parameters, an explicit state, one step."""
 
 import dataclasses
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,26 +16,36 @@ from flexstage.base.errors import ModelError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelProperty:
-    """A property of a model by a condition on its parameters, and whether it holds."""
+    """Property of a model, by a condition on its parameters."""
 
     name: str
-    """What holds if it does: ``invertible``, ``dissipative``, ``bounded``..."""
+    """Name of the property: ``invertible``, ``dissipative``, ``bounded``..."""
     holds: bool
-    """Whether it does."""
+    """True if the condition is satisfied."""
     detail: str
-    """The condition with its numbers, and what follows where it does not hold."""
+    """The condition with its numbers, and the consequence if it is not satisfied."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """What a model answers to a sequence."""
+    """Response of a model to a sequence."""
 
     values: Array
     """Output of a simulation, or input found by an inverse, shape (n,)."""
     state: Array
     """State after the last sample."""
     missed: int = -1
-    """First sample that no input reaches, of the nearest inputs; -1 for none."""
+    """First sample out of reach of the inputs; -1 for none."""
+
+
+class SegmentArrays(NamedTuple):
+    """Arrays of `Segments`, one argument of compiled loops; shape (m,) each."""
+
+    start: Array
+    constant: Array
+    slope: Array
+    amplitude: Array
+    rate: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,26 +90,26 @@ class Segments:
         )
 
     @property
-    def numbers(self) -> tuple[Array, Array, Array, Array, Array]:
-        """Start, constant, slope, amplitude and rate, as compiled loops take them."""
-        return self.start, self.constant, self.slope, self.amplitude, self.rate
+    def arrays(self) -> SegmentArrays:
+        """The arrays, as compiled loops take them."""
+        return SegmentArrays(self.start, self.constant, self.slope, self.amplitude, self.rate)
 
 
 class HysteresisModel(ABC):
     """A rate-independent relation with memory from an input u to an output y.
 
-    A model is a frozen dataclass of parameters. What it remembers is an array, whose first element
-    is the last input. The input moves on a straight line from one sample to the next, and the
-    output is exact for it: it does not depend on how the line is cut into steps.
+    A model is a frozen dataclass of parameters. Its state is an array, whose first element is the
+    last input. The input is a straight line between samples, and the output is exact for it: it
+    does not depend on the division of the line into steps.
 
-    The output at rest at no input is zero; an offset belongs to the sensor.
+    The output at zero input without history is zero; an offset belongs to the sensor.
     """
 
     __slots__ = ()
 
     #: Name of the model in files and on the command line.
     kind: ClassVar[str]
-    #: What it is called in text.
+    #: Name of the model in text.
     title: ClassVar[str]
     #: Units of the parameters that have one, from the units {u} of the input and {y} of the output;
     #: of a model with an exponent those for 1.
@@ -107,7 +117,7 @@ class HysteresisModel(ABC):
 
     @abstractmethod
     def initial_state(self) -> Array:
-        """Return the state that has no history, at no input.
+        """Return the state without history, at zero input.
 
         Returns
         -------
@@ -174,7 +184,7 @@ class HysteresisModel(ABC):
         Returns
         -------
         Response
-            What `inverse` returns; where an output is out of reach, the input stops at the end.
+            As by `inverse`; if an output is out of reach, the input stops at the end.
 
         Raises
         ------
@@ -185,12 +195,13 @@ class HysteresisModel(ABC):
 
     @abstractmethod
     def properties(self) -> tuple[ModelProperty, ...]:
-        """Return what is required of the parameters, and whether it holds.
+        """Return the conditions on the parameters, and whether they are satisfied.
 
         Returns
         -------
         tuple of ModelProperty
-            Conditions for bounded output, passivity (no energy out of nothing) and invertibility.
+            Conditions for bounded output, passivity (no gain of energy in a cycle) and
+            invertibility.
         """
 
     def step(self, state: ArrayLike, u: float) -> tuple[Array, float]:
@@ -231,7 +242,7 @@ class HysteresisModel(ABC):
 
     @property
     def input_limits(self) -> tuple[float, float] | None:
-        """Lowest and highest input at which the model stands; None where it has no such ends."""
+        """Lowest and highest valid input of the model; None if unlimited."""
         return None
 
     def parameters(self) -> dict[str, object]:
@@ -246,28 +257,28 @@ class HysteresisModel(ABC):
 
     def _reaching(self, y: ArrayLike, state: ArrayLike | None, where: str, hint: str) -> Response:
         """Return the nearest inputs after checking that they give the outputs."""
-        found = self.nearest(y, state)
-        if found.missed >= 0:
+        response = self.nearest(y, state)
+        if response.missed >= 0:
             raise ModelError(
-                f"no input {where} gives {samples(y, 'output')[found.missed]:g}, wanted at sample "
-                f"{found.missed}: {hint}"
+                f"no input {where} gives {samples(y, 'output')[response.missed]:g}, requested at "
+                f"sample {response.missed}: {hint}"
             )
-        return found
+        return response
 
     def _state(self, state: ArrayLike | None) -> Array:
         """Return a private copy of a state after checking that it is one of this model."""
-        rest = self.initial_state()
+        initial = self.initial_state()
         if state is None:
-            return rest
-        given = np.array(state, dtype=np.float64)
-        if given.shape != rest.shape or not np.all(np.isfinite(given)):
+            return initial
+        copy = np.array(state, dtype=np.float64)
+        if copy.shape != initial.shape or not np.all(np.isfinite(copy)):
             raise ModelError(
-                f"a state of {self.kind} is {rest.size} finite numbers, got shape {given.shape}"
+                f"a state of {self.kind} is {initial.size} finite numbers, got shape {copy.shape}"
             )
-        return given
+        return copy
 
 
-#: What a number may be asked to be beside finite, in the words of the refusal.
+#: Kinds of finite numbers, in the words of the error message.
 _NUMBERS: Mapping[str, Callable[[float], bool]] = {
     "finite": lambda value: True,
     "finite, not 0": lambda value: value != 0.0,
@@ -304,7 +315,49 @@ def samples(values: ArrayLike, what: str) -> Array:
 
 def sampled(u: ArrayLike) -> Array:
     """Return a sequence of at least two finite inputs."""
-    given = samples(u, "input")
-    if given.size < 2:
-        raise ModelError("between samples there must be two at least, got 1: give a longer input")
-    return given
+    inputs = samples(u, "input")
+    if inputs.size < 2:
+        raise ModelError(
+            "a motion between samples needs at least two of them, got 1: give a longer input"
+        )
+    return inputs
+
+
+def rising(
+    values: ArrayLike, what: str, *, lowest: float = -np.inf, above: float = -np.inf, least: int = 1
+) -> Array:
+    """Return a finite, strictly rising, read-only sequence after checking it.
+
+    Its first number is at least `lowest` and more than `above`; there are at least `least` of them.
+    """
+    array = fixed(values, what, (-1,))
+    if array.size < least:
+        raise ModelError(f"the {what} must be at least {least}, got {array.size}")
+    if np.any(np.diff(array) <= 0.0):
+        i = int(np.argmax(np.diff(array) <= 0.0))
+        raise ModelError(
+            f"the {what} must rise, got {array[i]:g} and then {array[i + 1]:g}: "
+            f"sort them, and name each once"
+        )
+    if array.size and (array[0] < lowest or array[0] <= above):
+        bound = f"more than {above:g}" if array[0] <= above else f"at least {lowest:g}"
+        raise ModelError(f"the {what} must be {bound}, got {array[0]:g}")
+    return array
+
+
+def fixed(values: ArrayLike, what: str, shape: tuple[int, ...]) -> Array:
+    """Return finite, read-only numbers of a given shape after checking them.
+
+    A size of -1 in the shape is any size.
+    """
+    array = np.array(values, dtype=np.float64, order="C")
+    fits = array.ndim == len(shape) and all(
+        want in (-1, got) for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        expected = ", ".join("any" if want < 0 else str(want) for want in shape)
+        raise ModelError(f"the {what} must have shape ({expected}), got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ModelError(f"the {what} must be finite, got {array[~np.isfinite(array)][0]}")
+    array.setflags(write=False)
+    return array

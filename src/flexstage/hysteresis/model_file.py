@@ -1,4 +1,4 @@
-"""The file that holds an identified drive: readable text, checked when it is read."""
+"""Model file of an identified drive: readable text, checked on reading."""
 
 import hashlib
 import math
@@ -17,10 +17,10 @@ from flexstage.files.decoder import Decoder, read, read_file, show
 from flexstage.files.format import Form, Format
 from flexstage.files.nodes import Node, Scalar
 from flexstage.files.yaml_text import plain_dumper
-from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
+from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep, Start
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
+from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
 
@@ -29,20 +29,20 @@ _CHANGED = "the file was changed since it was written"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelFile:
-    """A drive model with where it comes from."""
+    """Drive model with its provenance."""
 
     model: DriveModel
     """The model."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    """Software, time, records and settings that it was identified with."""
+    """Software, time, records and settings of its identification."""
     errors: Mapping[str, float | None] = field(default_factory=dict)
-    """Errors over the stroke, where it was fitted and where it was not [%]."""
+    """Errors over the stroke, on fitted and held-out samples [%]."""
     warnings: tuple[str, ...] = ()
-    """What the records could not tell."""
+    """Warnings of its identification."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user of the model should know; what its identification said is named so."""
+        """Warnings for users of the model, with their origin."""
         return tuple(
             w if w == _CHANGED else f"from the identification of the model: {w}"
             for w in self.warnings
@@ -63,7 +63,7 @@ class _Output:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Chain:
-    """The elements behind the hysteresis; each is named, so that none was lost unseen."""
+    """Elements behind the hysteresis; all are in the file, so that a missing one is noticed."""
 
     creep: Creep | None
     modes: StageModes | None
@@ -72,7 +72,7 @@ class _Chain:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Content:
-    """What stands in the file after its version, in this order, and before its checksum."""
+    """Content of the file between its version and its checksum, in this order."""
 
     input: _Input
     output: _Output
@@ -86,7 +86,7 @@ class _Content:
 
 
 def model_text(file: ModelFile) -> str:
-    """Return a drive model as YAML, which `read_model_text` reads back to the same numbers."""
+    """Return a drive model as YAML, from which `read_model_text` reads the same numbers."""
     import yaml
 
     m = file.model
@@ -113,15 +113,15 @@ def model_text(file: ModelFile) -> str:
 
 
 def read_model_file(path: Path) -> ModelFile:
-    """Read the file of a drive model; a ModelError where there is none, or it is no model."""
+    """Read the file of a drive model; a ModelError if it does not exist or is no model."""
     return _model_file(*read_file(path, MODEL_FILE))
 
 
 def read_model_text(text: str, source: str = "the model file") -> ModelFile:
     """Read a drive model from the text of its file, which messages call `source`.
 
-    A number that was changed by hand is allowed, and said in the warnings. A ModelError where it is
-    no model file, of a newer version, or its numbers make no model.
+    A number that was changed by hand is allowed, with a warning. A ModelError if it is no model
+    file, of a newer version, or its numbers are invalid.
     """
     return _model_file(*read(text, source, MODEL_FILE))
 
@@ -130,10 +130,10 @@ def _model_file(decoder: Decoder, root: nodes.Mapping) -> ModelFile:
     content: _Content = decoder.build(_Content, root, "", also=["checksum"])
     sign, offset = content.output.sign, content.output.offset
     if sign not in (1.0, -1.0) or not math.isfinite(offset):
-        sentence = f"expected a sign of 1 or -1 and a finite offset, got {sign:g} and {offset:g}"
-        decoder.refuse(root.items["output"], "output", sentence)
+        message = f"expected a sign of 1 or -1 and a finite offset, got {sign:g} and {offset:g}"
+        decoder.refuse(root.items["output"], "output", message)
     data = {MODEL_FILE.key: MODEL_FILE.version, **nodes.plain(root)}
-    changed = data.pop("checksum", None) != _checksum(data)
+    was_changed = data.pop("checksum", None) != _checksum(data)
     return ModelFile(
         model=DriveModel(
             hysteresis=content.hysteresis,
@@ -149,7 +149,7 @@ def _model_file(decoder: Decoder, root: nodes.Mapping) -> ModelFile:
         ),
         provenance=content.provenance or {},
         errors=content.errors_percent_of_stroke or {},
-        warnings=(*(content.warnings or ()), *([_CHANGED] if changed else [])),
+        warnings=(*(content.warnings or ()), *([_CHANGED] if was_changed else [])),
     )
 
 
@@ -171,8 +171,8 @@ def _read_start(decoder: Decoder, node: Node, path: str, _base: Any) -> Start:
         return value
     if not isinstance(value, (int, float)) or isinstance(value, bool) or not value >= 0.0:
         hint = did_you_mean(value, ["rested"]) if isinstance(value, str) else ""
-        sentence = f"expected rested, or seconds of motion, got {show(node)}{hint}"
-        decoder.refuse(node, path, sentence)
+        message = f"expected rested, or seconds of motion, got {show(node)}{hint}"
+        decoder.refuse(node, path, message)
     return float(value)
 
 
@@ -180,8 +180,8 @@ def _read_range(decoder: Decoder, node: Node, path: str, _base: Any) -> tuple[fl
     items = decoder.items(node, path, 2, "two finite, rising numbers")
     low, high = (decoder.number(item, f"{path}[{k}]") for k, item in enumerate(items))
     if not -math.inf < low <= high < math.inf:
-        sentence = f"expected two finite, rising numbers, got {low:g} and {high:g}"
-        decoder.refuse(node, path, sentence)
+        message = f"expected two finite, rising numbers, got {low:g} and {high:g}"
+        decoder.refuse(node, path, message)
     return low, high
 
 
@@ -211,7 +211,7 @@ def _read_text(decoder: Decoder, node: Node, path: str, _base: Any) -> str:
     return text
 
 
-#: The kind of file that holds an identified drive. A start may be infinitely long ago.
+#: File format of an identified drive. The time of motion before a record may be infinite.
 MODEL_FILE = Format(
     noun="model file from `flexstage identify --out`",
     key="flexstage-drive-model",
@@ -244,7 +244,7 @@ def _plain(value: Any) -> Any:
 
 
 def _checksum(content: Mapping[str, Any]) -> str:
-    """Hash of the numbers, however they are spelled."""
+    """Hash of the numbers, independent of their spelling."""
     return hashlib.sha256(repr(_sorted(content)).encode()).hexdigest()
 
 

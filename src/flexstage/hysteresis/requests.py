@@ -1,4 +1,4 @@
-"""What is asked of drives: to be identified, to predict records, to follow a reference."""
+"""Requests about drives: identification, prediction of records, following a reference."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
@@ -33,7 +33,7 @@ def read_duration(text: str) -> float | str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownChain(Request):
-    """What is known of a drive and is not to be identified."""
+    """Known values of a drive, which are not identified."""
 
     one_value: ClassVar[bool] = True
 
@@ -53,7 +53,7 @@ class KnownChain(Request):
 
     @property
     def has_lag(self) -> bool:
-        """Whether delay or creep are known, of which the other is then none."""
+        """True if delay or creep is known; the other is then zero."""
         return self.delay is not None or self.creep is not None
 
 
@@ -72,8 +72,8 @@ class IdentifyRequest(Request):
     fitted, and held-out errors come from cross-validation over whole cycles).
     """
     known: KnownChain = KnownChain()
-    """What is known of the drive and not identified, such as "resonance=808 Hz,damping=0.01" or
-    "delay=5 ms,creep=1.2 %".
+    """Known values of the drive, which are not identified, such as "resonance=808 Hz,damping=0.01"
+    or "delay=5 ms,creep=1.2 %".
     """
     temperature: (
         Annotated[tuple[float, float], DIMENSIONS["temperature"], Written("LOW[:HIGH]", bare="K")]
@@ -81,18 +81,18 @@ class IdentifyRequest(Request):
     ) = None
     """Temperature of the record, such as "294.5:296" in K; stored in the model file."""
     drift: bool = False
-    """Fit a drift of constant speed beside the model, in each record, and throw it away."""
+    """Also fit a linear drift to each record; it is not part of the model."""
 
 
 def rowwise(request: IdentifyRequest) -> IdentifyRequest:
-    """Return a request about rows without times, which tell neither delay nor creep."""
+    """Return a request for rows without times, which show neither delay nor creep."""
     known = request.known
     return request if known.has_lag else replace(request, known=replace(known, delay=0.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DynamicRequest(Request):
-    """A stage that runs in time, sample by sample."""
+    """Dynamic model of a stage, sample by sample."""
 
     time_step: Annotated[
         float, DIMENSIONS["time"], Range(low=1e-12, high=1e6), Written(bare="s")
@@ -108,7 +108,7 @@ class DynamicRequest(Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AmplifierLimits(Request):
-    """What the amplifier of a piezo stack can do."""
+    """Limits of the amplifier of a piezo stack."""
 
     one_value: ClassVar[bool] = True
 
@@ -123,23 +123,23 @@ class AmplifierLimits(Request):
 
     @property
     def largest_rate(self) -> float | None:
-        """Largest slope that both limits allow [V/s]; None where there is none."""
+        """Largest slope within both limits [V/s]; None if unlimited."""
         rates = [] if self.slew is None else [self.slew]
         if self.current is not None and self.capacitance is not None:
             rates.append(self.current / self.capacitance)
         return min(rates, default=None)
 
     def require_load(self) -> None:
-        """Refuse a limit of the current without what it charges."""
+        """Refuse a limit of the current without a capacitance."""
         if self.current is not None and self.capacitance is None:
             raise ModelError(
-                "amplifier: a limit of the current needs the capacitance of the stack: give both"
+                "amplifier: a current limit needs the capacitance of the stack: give both"
             )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExciteRequest(Request):
-    """Drive record that a piezo stage is identified from."""
+    """Drive record for the identification of a piezo stage."""
 
     voltage: _VOLTAGES | None = None
     """Voltage range, such as "0:120" (default: that of the stack)."""
@@ -154,8 +154,8 @@ class ExciteRequest(Request):
     sample_rate: Annotated[PositiveFrequency, Written("RATE", bare="Hz")] | None = None
     """Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine require)."""
     amplifier: AmplifierLimits = AmplifierLimits()
-    """What the amplifier can do, such as "slew=2000 V/s,current=50 mA"; the capacitance is that of
-    the stack of STAGE where it is not given.
+    """Limits of the amplifier, such as "slew=2000 V/s,current=50 mA" (default of the capacitance:
+    that of the stack of STAGE).
     """
     frequency: PositiveFrequency | None = None
     """Lowest natural frequency with the drives in place (default: that of the lumped model of
@@ -177,7 +177,7 @@ class ExciteRequest(Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PredictRequest(Request):
-    """A model on records that it was not made from."""
+    """Prediction of independent records by a model."""
 
     start: Annotated[
         float | Literal["auto", "rested"], Written("auto|rested|TIME", read=read_duration)
@@ -192,7 +192,7 @@ class PredictRequest(Request):
 
     @property
     def known_start(self) -> float | Literal["rested"] | None:
-        """The state before the record, where it is known."""
+        """The state before the record; None for auto."""
         return None if self.start == "auto" else self.start
 
 
@@ -205,15 +205,11 @@ class CompensateRequest(Request):
     the sensor.
     """
     voltage: _VOLTAGES | None = None
-    """Voltage range of the command, such as "0:120" (default: the range on which the model was
-    identified).
-    """
+    """Voltage range of the command, such as "0:120" (default: the range of the identification)."""
     amplifier: AmplifierLimits = AmplifierLimits()
-    """What the amplifier can do, such as "slew=2000 V/s,current=50 mA,capacitance=6.4 uF"."""
+    """Limits of the amplifier, such as "slew=2000 V/s,current=50 mA,capacitance=6.4 uF"."""
     reference_bandwidth: PositiveFrequency | None = None
-    """Bandwidth to which the reference is smoothed (default: a quarter of the resonance of the
-    model).
-    """
+    """Bandwidth of the smoothed reference (default: a quarter of the resonance of the model)."""
     start: Annotated[
         float | Literal["conditioned", "rest"],
         Written("conditioned|rest|TIME", read=read_duration),
@@ -228,18 +224,18 @@ class CompensateRequest(Request):
         require_start(self.start, "conditioned, rest")
         if self.amplifier.capacitance is not None and self.amplifier.current is None:
             raise ModelError(
-                "--amplifier: the capacitance needs the current: both together limit the slope"
+                "--amplifier: the capacitance needs the current limit: both limit the slope"
             )
         self.amplifier.require_load()
 
 
 def require_start(start: float | str, words: str) -> None:
-    """Refuse what a drive cannot have done before a record."""
+    """Refuse an invalid start."""
     if isinstance(start, str):
-        held = start in words.split(", ")
+        valid = start in words.split(", ")
     else:
-        held = type(start) in (int, float) and start >= 0.0
-    if held:
+        valid = type(start) in (int, float) and start >= 0.0
+    if valid:
         return
     raise ModelError(
         f"--start must be {words} or a time that is not negative, such as 30 s, got '{start}'"

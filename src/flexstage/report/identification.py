@@ -115,10 +115,10 @@ def identification_in_words(result: Identification) -> list[str]:
     return lines
 
 
-def verdict_in_words(result: Identification) -> str:
+def quality_in_words(result: Identification) -> str:
     """Return a sentence on whether the model describes its records, and its residual."""
-    if not result.verdict.fits:
-        return result.verdict.reason
+    if not result.quality.fits:
+        return result.quality.reason
     records = "records" if len(result.measurement.sections) > 1 else "record"
     title = MODELS[result.kind].title
     error = result.heldout_rms_percent
@@ -129,7 +129,7 @@ def verdict_in_words(result: Identification) -> str:
     )
     return (
         f"{title} describes the {records}: {residual}; noise {result.noise_percent:.2g} %, "
-        f"residual of a straight line {result.verdict.line_percent:.2g} %"
+        f"residual of a straight line {result.quality.line_percent:.2g} %"
     )
 
 

@@ -151,7 +151,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("CentredRecords", ""): ("centring.draw_centred", "centred"),
     ("CompensationCommand", ""): (
         "tracking.draw_feedforward",
-        "feedforward=made model=drive band_percent=band",
+        "feedforward=feedforward model=drive band_percent=band",
     ),
     ("DecayResult", ""): ("modal_fit.draw_ring_down", "fit=fit record=record"),
     ("EvaluatedBudget", ""): (

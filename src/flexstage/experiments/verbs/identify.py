@@ -52,11 +52,11 @@ class Identify(Verb, IdentifyRequest):
     """
 
     def __post_init__(self) -> None:
-        from flexstage.hysteresis.identification.model_fit import models_named
+        from flexstage.hysteresis.identification.model_fit import selected_models
 
         if not self.of:
             raise PlanError("identify needs a step that measures at least")
-        models_named(self.model)
+        selected_models(self.model)
         require_fields(self, IdentifyRequest, PlanError, " of identify")
         if self.known.resonance is not None and self.characterised_by is not None:
             raise PlanError(

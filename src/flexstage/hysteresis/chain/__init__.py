@@ -1,1 +1,1 @@
-"""The linear chain between a command and a reading: each element simulated, and undone."""
+"""Elements of the linear chain between a command and a reading, and their inverses."""

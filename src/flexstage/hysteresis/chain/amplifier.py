@@ -94,7 +94,7 @@ class Amplifier(ChainElement):
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
         command = samples(x, "command of the amplifier")
         h = positive_step(dt)
-        now = self._started(command[0], h, state, "an amplifier")
+        now = self._initial_state(command[0], h, state, "an amplifier")
         y = np.empty_like(command)
         low, high = self._range()
         amplify(
@@ -134,7 +134,7 @@ def amplify(
 
     Targets are commands times gain, `last` that one step before the first, and u the output there
     [V]; h is the step over the time constant, and the threshold the largest rate times the time
-    constant [V]: how far the output may be behind. Writes y.
+    constant [V], the largest lag of the output. Writes y.
     """
     for k in range(target.size):
         u = _one_step(last, (target[k] - last) / h, u, h, threshold, low, high)
@@ -153,7 +153,7 @@ def _one_step(
         mode = _SLEW
     else:
         mode = _LINEAR
-    # each change is towards a mode that the rest of the step does not leave for the same one
+    # no mode is entered twice in a step
     for _ in range(16):
         e = c - u
         s = 1.0 if e > 0.0 or (e == 0.0 and slope > 0.0) else -1.0
@@ -205,7 +205,7 @@ def _one_step(
 
 @compiled
 def _follow(u: float, e: float, slope: float, t: float) -> float:
-    """The output after a time t of following a line that is e away and rises by slope."""
+    """Return the output after a time t of following a line at a distance e that rises by slope."""
     gone = -np.expm1(-t)
     # slope (t - gone) + e gone, by a series where t - gone would lose its digits
     ramp = t - gone if t > 0.1 else t * t * (0.5 - t * (1.0 / 6.0 - t * _tail(t)))
@@ -223,7 +223,7 @@ def _tail(t: float) -> float:
 
 @compiled
 def _meet(u: float, e: float, slope: float, start: float, end: float, rail: float) -> float:
-    """The time between two at which the output passes the end of its range, by bisection."""
+    """Return the time at which the output reaches the end of its range, by bisection."""
     rising = _follow(u, e, slope, end) > rail
     for _ in range(200):
         middle = 0.5 * (start + end)

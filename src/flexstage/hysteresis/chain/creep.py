@@ -1,8 +1,9 @@
-"""Creep: what a drive goes on to move after its input has come to rest."""
+"""Creep: motion of a drive after its input has come to rest."""
 
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +20,13 @@ from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, checked, samples
 
+#: Motion of a drive before the first command: it rested there for long; or it moved as after the
+#: first command, for a time [s] since the low end of its range, which may be infinite.
+Start = Literal["rested"] | float
+
 
 class Creep(ChainElement):
-    r"""Linear creep: the input, and lags behind it.
+    r"""Linear creep: the input, and lags of it.
 
     Each subclass is a distribution of time constants.
 
@@ -77,10 +82,10 @@ class Creep(ChainElement):
         return 1.0 + rise @ self.lag_gains
 
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        given = samples(x, "input of creep")
-        now, decay, ramp = self._start(given[0], dt, state)
-        y = np.empty_like(given)
-        _creep(given, now, decay, ramp, self.lag_gains, y)
+        inputs = samples(x, "input of creep")
+        now, decay, ramp = self._start(inputs[0], dt, state)
+        y = np.empty_like(inputs)
+        _creep(inputs, now, decay, ramp, self.lag_gains, y)
         return Response(values=y, state=now)
 
     def simulate_rows(self, x: Array, dt: float, states: Array) -> Array:
@@ -122,10 +127,10 @@ class Creep(ChainElement):
         Response
             The inputs, and the state at the last sample.
         """
-        wanted = samples(y, "output of creep")
-        now, decay, ramp = self._start(wanted[0] / self.static_gain, dt, state)
-        x = np.empty_like(wanted)
-        _undo_creep(wanted, now, decay, ramp, self.lag_gains, x)
+        outputs = samples(y, "output of creep")
+        now, decay, ramp = self._start(outputs[0] / self.static_gain, dt, state)
+        x = np.empty_like(outputs)
+        _invert_creep(outputs, now, decay, ramp, self.lag_gains, x)
         return Response(values=x, state=now)
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
@@ -134,20 +139,20 @@ class Creep(ChainElement):
 
     def _start(self, first: float, dt: float, state: ArrayLike | None) -> tuple[Array, ...]:
         ratio = positive_step(dt) / self.time_constants
-        now = self._started(first, dt, state, "creep")
+        now = self._initial_state(first, dt, state, "creep")
         return now, decay_share(ratio), ramp_share(ratio)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogCreep(Creep):
-    r"""Linear creep of the kind log(t).
+    r"""Linear creep, logarithmic in time.
 
     .. math:: y = x + \frac{\gamma}{p} \sum_i l_i, \qquad \tau_i \dot l_i + l_i = x, \qquad
               \tau_i = \tau_s 10^{(i + 1/2)/p}
 
-    After a step of the input the output is at once as large as the step, and then rises by
-    :math:`\gamma` times the step in each decade of time: lags with time constants spaced evenly in
-    the logarithm stand for the operator of Kuhnen and Janocha (K. Kuhnen, H. Janocha, Proc. 6th
+    After a step of the input the output immediately follows the step, and then rises by
+    :math:`\gamma` times the step in each decade of time: lags with time constants spaced uniformly
+    in the logarithm represent the operator of Kuhnen and Janocha (K. Kuhnen, H. Janocha, Proc. 6th
     Int. Conf. New Actuators ACTUATOR 98, Bremen 1998; K. Kuhnen, Control Eng. Practice 13 (2005)).
     Their continuous distribution between :math:`\tau_s` and :math:`\tau_l` has the step response
     :math:`1 + \gamma [\ln(\tau_l/\tau_s) + E_1(t/\tau_s) - E_1(t/\tau_l)]/\ln 10`, which is
@@ -200,7 +205,7 @@ class LogCreep(Creep):
     def time_constants(self) -> Array:
         decades = math.log10(self.longest / self.shortest)
         count = max(1, math.ceil(self.per_decade * decades - 1e-9))
-        # a whole number of lags fills the decades evenly, so that the ends are where they are said
+        # an integer number of lags, uniform over the decades between the given ends
         return self.shortest * 10.0 ** (decades * (np.arange(count) + 0.5) / count)
 
     @property
@@ -221,15 +226,15 @@ class LogCreep(Creep):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CreepSpectrum(Creep):
-    r"""Linear creep whose time constants have weights of their own.
+    r"""Linear creep with a separate weight for each time constant.
 
     .. math:: y = x + \sum_i a_i l_i, \qquad \tau_i \dot l_i + l_i = x, \qquad a_i \ge 0
 
     A spectrum of relaxation as of a generalised Kelvin-Voigt body (J. D. Ferry, Viscoelastic
-    Properties of Polymers, 1980, chapter 3): short time constants are the loss that loops at 10 to
-    500 Hz have beside hysteresis, long ones are creep. After a step of the input the output is at
-    once as large as the step, and then :math:`1 + \sum_i a_i (1 - e^{-t/\tau_i})` times it. As no
-    weight is negative the inverse is stable, and exact from sample to sample.
+    Properties of Polymers, 1980, chapter 3): short time constants are the loss of loops at 10 to
+    500 Hz in addition to hysteresis, long ones are creep. After a step of the input the output
+    immediately follows the step, and is then :math:`1 + \sum_i a_i (1 - e^{-t/\tau_i})` times it.
+    As no weight is negative the inverse is stable, and exact from sample to sample.
 
     Validity: as `LogCreep`, from the shortest time constant to the longest; rates between those of
     the records that it was found from.
@@ -301,6 +306,24 @@ class CreepSpectrum(Creep):
         return CreepSpectrum(times=self.times, weights=weights)
 
 
+def creep_start(creep: Creep, x: Array, dt: float, start: Start | Array) -> Array:
+    """Return the state of creep before a sequence, by the motion of the drive before it.
+
+    Creep has a longer memory than any record. After a rest at the first command, all lags have
+    settled there; after motion for a time t since the low end of the range, each lag has moved from
+    there to the mean of the motion by ``1 - exp(-t / tau)``. The input x is the output of the
+    hysteresis, shape (n,), or several of them, (m, n), as is the state one step before the first
+    sample. A number as `start` is the time of motion [s]; an array is the state itself.
+    """
+    if isinstance(start, np.ndarray):
+        return start
+    state = x[..., :1] * creep.settled(1.0, dt)
+    if start != "rested":
+        mean, low = (by(x, axis=-1, keepdims=True) for by in (np.mean, np.min))
+        state[..., 1:] = mean + (low - mean) * np.exp(-start / creep.time_constants)
+    return state
+
+
 @compiled
 def _creep(x: Array, state: Array, decay: Array, ramp: Array, gain: Array, y: Array) -> None:
     last = state[0]
@@ -324,11 +347,11 @@ def _creep_rows(x: Array, states: Array, decay: Array, ramp: Array, gain: Array,
 
 
 @compiled
-def _undo_creep(y: Array, state: Array, decay: Array, ramp: Array, gain: Array, x: Array) -> None:
+def _invert_creep(y: Array, state: Array, decay: Array, ramp: Array, gain: Array, x: Array) -> None:
     last = state[0]
     stiff = 1.0 + (gain * ramp).sum()
     for k in range(y.size):
-        # where the output would be if the input stood still; the rest is the rise times `stiff`
+        # output for a constant input; the remainder is the rise times `stiff`
         total = 0.0
         for i in range(decay.size):
             lag = state[i + 1]

@@ -1,4 +1,4 @@
-"""First-order lags: steps exact for straight lines, and a lag with a delay as of an acquisition."""
+"""First-order lags: exact steps for straight lines, and a lag with a delay, as of a recorder."""
 
 import math
 from dataclasses import dataclass
@@ -18,16 +18,16 @@ from flexstage.hysteresis.chain.element import (
     terms_needed,
 )
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array, Response, Segments, samples
+from flexstage.hysteresis.model import Array, Response, SegmentArrays, Segments, samples
 
 # Below this ratio of step to time constant the closed form loses digits; the series has 18 terms.
 _SHORT = 1.0
-#: Most steps of a delay: so many samples are kept.
+#: Largest number of steps of a delay, which is the number of stored samples.
 _MOST_STEPS = 10_000_000
 
 
 def decay_share(ratio: ArrayLike) -> Array:
-    r"""Return how far a lag goes towards a constant input in a step.
+    r"""Return the share of a constant input that a lag approaches in a step.
 
     .. math:: 1 - e^{-r}
 
@@ -37,7 +37,7 @@ def decay_share(ratio: ArrayLike) -> Array:
 
 
 def ramp_share(ratio: ArrayLike) -> Array:
-    r"""Return how far a lag follows the rise of a ramp in a step.
+    r"""Return the share of the rise of a ramp that a lag follows in a step.
 
     .. math:: 1 - \frac{1 - e^{-r}}{r}
 
@@ -54,7 +54,7 @@ def ramp_share(ratio: ArrayLike) -> Array:
 
 
 def lag_moments(ratio: Array) -> Array:
-    r"""Return what the derivatives of an input do to lags in a step of one sample.
+    r"""Return the effect of the derivatives of an input on lags in a step of one sample.
 
     .. math:: r \int_0^1 e^{-r (1 - s)} \frac{s^j}{j!}\, ds
 
@@ -85,23 +85,19 @@ def lags_through_segments(
     The ratio is step over time constant of each. Readings after the first sample are added to y,
     shape (p, n), with one row of weights each in the reader, shape (p, m).
     """
-    moments = _kept_moments(ratio.tobytes())
-    _lags_through(*force.numbers, ratio, np.exp(-ratio), moments, lag, reader, y)
+    moments = _cached_moments(ratio.tobytes())
+    _lags_through(force.arrays, ratio, np.exp(-ratio), moments, lag, reader, y)
 
 
 @lru_cache(maxsize=64)
-def _kept_moments(ratio: bytes) -> Array:
-    """Return the moments of lags, kept: who steps one sample at a time asks for them at each."""
+def _cached_moments(ratio: bytes) -> Array:
+    """Return the moments of lags, cached for steps of one sample at a time."""
     return lag_moments(np.frombuffer(ratio, dtype=np.float64))
 
 
 @compiled
 def _lags_through(
-    start: Array,
-    constant: Array,
-    slope: Array,
-    amplitude: Array,
-    rate: Array,
+    force: SegmentArrays,
     ratio: Array,
     decay: Array,
     moments: Array,
@@ -109,6 +105,7 @@ def _lags_through(
     reader: Array,
     y: Array,
 ) -> None:
+    start, constant, slope, amplitude, rate = force
     terms = terms_needed(amplitude, rate)
     i, last = 0, start.size - 1
     for n in range(y.shape[1]):
@@ -139,7 +136,7 @@ def _lags_through(
 
 @compiled
 def _read_lags(lag: Array, reader: Array, y: Array, n: int) -> None:
-    """Add to column n of y what the reader weighs, as in `lags_through_segments`."""
+    """Add the weighted lags to column n of y, as in `lags_through_segments`."""
     for p in range(y.shape[0]):
         total = y[p, n]
         for m in range(lag.size):
@@ -149,7 +146,7 @@ def _read_lags(lag: Array, reader: Array, y: Array, n: int) -> None:
 
 @compiled
 def _lag_piece(lag: float, r: float, h: float, a: float, b: float, c: float, mu: float) -> float:
-    """A piece h of a step, of one lag, under the input a + b s + c exp(-mu s)."""
+    """Return one lag after a piece h of a step, for the input a + b s + c exp(-mu s)."""
     x = r * h
     gone = -np.expm1(-x)
     if x < 1.0:
@@ -159,7 +156,7 @@ def _lag_piece(lag: float, r: float, h: float, a: float, b: float, c: float, mu:
             k -= 1
     else:
         share = 1.0 - gone / x
-    # exp(-mu h) - exp(-r h) over r - mu, which are equal now and then
+    # exp(-mu h) - exp(-r h) over r - mu, which may be equal
     apart = (r - mu) * h
     ratio = -np.expm1(-apart) / apart if apart != 0.0 else 1.0
     by_c = c * r * h * np.exp(-mu * h) * ratio
@@ -172,7 +169,7 @@ class Lag(ChainElement):
 
     .. math:: T \dot l + l = x, \qquad y(t) = l(t - t_d)
 
-    The delay need not be a whole number of steps: inside a step the lag is evaluated in closed
+    The delay need not be an integer number of steps: inside a step the lag is evaluated in closed
     form, so that the output is exact for an input of straight lines. State: the last inputs, newest
     first, as far back as the delay reaches, then the lag there.
 
@@ -206,26 +203,26 @@ class Lag(ChainElement):
                 )
 
     def settled(self, x: float, dt: float) -> Array:
-        return np.full(2 + self._whole(positive_step(dt)), float(x))
+        return np.full(2 + self._delay_steps(positive_step(dt)), float(x))
 
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        given = samples(x, "input of a lag")
-        now = self._started(given[0], dt, state, "a lag")
-        whole = now.size - 2
-        within = 1.0 - (self.delay / dt - whole)
+        inputs = samples(x, "input of a lag")
+        now = self._initial_state(inputs[0], dt, state, "a lag")
+        steps = now.size - 2
+        remainder = 1.0 - (self.delay / dt - steps)
         ratio = self._ratio(dt)
-        line = np.concatenate((now[whole::-1], given))
-        y = np.empty_like(given)
+        line = np.concatenate((now[steps::-1], inputs))
+        y = np.empty_like(inputs)
         end = _lag(
             line,
             now[-1],
             float(decay_share(ratio)),
             float(ramp_share(ratio)),
-            float(decay_share(ratio * within)),
-            within * float(ramp_share(ratio * within)),
+            float(decay_share(ratio * remainder)),
+            remainder * float(ramp_share(ratio * remainder)),
             y,
         )
-        newest = line[line.size - 1 - whole :][::-1]
+        newest = line[line.size - 1 - steps :][::-1]
         return Response(values=y, state=np.append(newest, end))
 
     def lead(self, y: ArrayLike, dt: float) -> Array:
@@ -237,7 +234,7 @@ class Lag(ChainElement):
         ----------
         y : array_like
             Outputs, shape (n,), n at least 6; between them a spline of fifth degree. After the last
-            one the output stands still.
+            one the output is constant.
         dt : float
             Step between samples [s].
 
@@ -249,17 +246,17 @@ class Lag(ChainElement):
         Raises
         ------
         ModelError
-            There are less than 6 outputs.
+            There are fewer than 6 outputs.
         """
         from scipy.interpolate import make_interp_spline
 
-        wanted = samples(y, "output of a lag")
-        if wanted.size < 6:
-            raise ModelError(f"`lead` needs 6 samples or more, got {wanted.size}")
-        spline = make_interp_spline(np.arange(wanted.size), wanted, k=5)
-        at = np.arange(wanted.size) + self.delay / positive_step(dt)
-        inside = at <= wanted.size - 1
-        at = np.minimum(at, wanted.size - 1)
+        outputs = samples(y, "output of a lag")
+        if outputs.size < 6:
+            raise ModelError(f"`lead` needs 6 samples or more, got {outputs.size}")
+        spline = make_interp_spline(np.arange(outputs.size), outputs, k=5)
+        at = np.arange(outputs.size) + self.delay / positive_step(dt)
+        inside = at <= outputs.size - 1
+        at = np.minimum(at, outputs.size - 1)
         rate = np.asarray(spline(at, 1), dtype=np.float64) / dt
         return np.asarray(spline(at), dtype=np.float64) + self.time_constant * rate * inside
 
@@ -267,12 +264,12 @@ class Lag(ChainElement):
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         return np.exp(-s * self.delay) / (1.0 + s * self.time_constant)
 
-    def _whole(self, dt: float) -> int:
-        """Whole steps in the delay."""
+    def _delay_steps(self, dt: float) -> int:
+        """Number of complete steps in the delay."""
         if self.delay > _MOST_STEPS * dt:
             raise ModelError(
                 f"a delay of {self.delay:g} s is more than {_MOST_STEPS:,} steps of {dt:g} s: "
-                "check the delay, or take a longer step"
+                "check the delay, or use a longer step"
             )
         return math.floor(self.delay / dt)
 

@@ -4,17 +4,17 @@ Time is counted in samples here: a mode is z'' + 2 zeta W z' + W^2 z = W^2 f wit
 [rad] that the undamped mode turns in a step, so that z settles at f.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from flexstage.hysteresis.chain.element import LARGEST_RATE, ORDERS, terms_needed
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array, Segments
+from flexstage.hysteresis.model import Array, SegmentArrays, Segments
 
-# A piece of a step: closed form at less damping than this and over a longer angle [rad] than that,
-# else so many terms of a power series.
+# A piece of a step: closed form below this damping ratio and above this angle [rad], otherwise
+# this number of terms of a power series.
 _PIECE_DAMPING = 0.9
 _PIECE_ANGLE = 0.5
 _PIECE_TERMS = 18
@@ -26,9 +26,8 @@ _SMALL = 0.01
 _LONG = 3.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class UnitStep:
-    """What a step of one sample does to modes."""
+class UnitStep(NamedTuple):
+    """Effect of a step of one sample on modes."""
 
     angle: Array
     """Angle of each mode in a step [rad], shape (k,)."""
@@ -37,13 +36,13 @@ class UnitStep:
     transition: Array
     """From (z, z') to (z, z'): rows zz, zv, vz, vv, shape (4, k)."""
     moments: Array
-    """Row j is what the derivative j of the force does to z', and row j + 1 what it does to z,
-    shape (ORDERS + 1, k).
+    """Row j is the effect of the derivative j of the force on z', and row j + 1 that on z, shape
+    (ORDERS + 1, k).
     """
 
 
 def unit_step(angle: Array, damping_ratio: Array) -> UnitStep:
-    r"""Return what a step of one sample does to modes.
+    r"""Return the effect of a step of one sample on modes.
 
     With g the response to an impulse, the moments are :math:`W^2 g(1)` and
     :math:`W^2 \int_0^1 g(1 - s) s^j / j!\, ds`.
@@ -80,10 +79,10 @@ def _unit_step(w: float, zeta: float) -> tuple[Array, Array]:
 
 
 def _by_exponential(w: float, zeta: float) -> tuple[Array, Array]:
-    """The same from the exponential of the matrix of (z, z', f, f', f'' ...).
+    """Transition and moments from the exponential of the matrix of (z, z', f, f', f'' ...).
 
     C. F. Van Loan, IEEE Trans. Autom. Control 23 (1978) 395. The rate z' is scaled with the
-    angle where that is large, and left alone where it is small, so that neither loses digits.
+    angle where that is large, so that no digits are lost.
     """
     from scipy.linalg import expm
 
@@ -117,7 +116,7 @@ def modes_along_lines(
     too, by `rate_time` [samples], shape (k,).
     """
     by_rate = np.zeros(z.size) if rate_time is None else rate_time
-    _along_lines(x, step.transition, step.moments, by_rate, z, v, reader, y)
+    _along_lines(x, step, by_rate, z, v, reader, y)
 
 
 def modes_through_segments(
@@ -125,45 +124,21 @@ def modes_through_segments(
 ) -> None:
     """Step modes through a force that is known between the samples, and add their readings.
 
-    Arguments as in `modes_along_lines`, but for the force.
+    Other arguments as in `modes_along_lines`.
     """
     if z.size == 1 and y.shape[0] == 1 and reader[0, 1] == 0.0:
         z[0], v[0] = _one_through(
-            *force.numbers,
-            float(step.angle[0]),
-            float(step.damping_ratio[0]),
-            np.ascontiguousarray(step.transition[:, 0]),
-            np.ascontiguousarray(step.moments[:, 0]),
-            float(z[0]),
-            float(v[0]),
-            float(reader[0, 0]),
-            y[0],
+            force.arrays, step, float(z[0]), float(v[0]), float(reader[0, 0]), y[0]
         )
         return
-    _through(
-        *force.numbers,
-        step.angle,
-        step.damping_ratio,
-        step.transition,
-        step.moments,
-        z,
-        v,
-        reader,
-        y,
-    )
+    _through(force.arrays, step, z, v, reader, y)
 
 
 @compiled
 def _along_lines(
-    x: Array,
-    transition: Array,
-    moments: Array,
-    by_rate: Array,
-    z: Array,
-    v: Array,
-    reader: Array,
-    y: Array,
+    x: Array, step: UnitStep, by_rate: Array, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
+    _, _, transition, moments = step
     k = z.size
     for n in range(x.size - 1):
         rise = x[n + 1] - x[n]
@@ -182,7 +157,7 @@ def _along_lines(
 
 @compiled
 def _read_modes(z: Array, v: Array, reader: Array, y: Array, n: int) -> None:
-    """Add to column n of y what the reader weighs, as in `modes_along_lines`."""
+    """Add the weighted modes to column n of y, as in `modes_along_lines`."""
     k = z.size
     for p in range(y.shape[0]):
         total = y[p, n]
@@ -193,20 +168,10 @@ def _read_modes(z: Array, v: Array, reader: Array, y: Array, n: int) -> None:
 
 @compiled
 def _through(
-    start: Array,
-    constant: Array,
-    slope: Array,
-    amplitude: Array,
-    rate: Array,
-    angle: Array,
-    zeta: Array,
-    transition: Array,
-    moments: Array,
-    z: Array,
-    v: Array,
-    reader: Array,
-    y: Array,
+    force: SegmentArrays, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
+    start, constant, slope, amplitude, rate = force
+    angle, zeta, transition, moments = step
     terms = terms_needed(amplitude, rate)
     i, last = 0, start.size - 1
     for n in range(y.shape[1]):
@@ -247,21 +212,12 @@ def _through(
 
 @compiled
 def _one_through(
-    start: Array,
-    constant: Array,
-    slope: Array,
-    amplitude: Array,
-    rate: Array,
-    w: float,
-    zeta: float,
-    transition: Array,
-    moments: Array,
-    z: float,
-    v: float,
-    weight: float,
-    y: Array,
+    force: SegmentArrays, step: UnitStep, z: float, v: float, weight: float, y: Array
 ) -> tuple[float, float]:
-    """The same for one mode and its deflection alone, whose state stays in registers."""
+    """Step one mode, whose state stays in registers, and add its weighted deflection to y."""
+    start, constant, slope, amplitude, rate = force
+    w, zeta = step.angle[0], step.damping_ratio[0]
+    transition, moments = step.transition[:, 0].copy(), step.moments[:, 0].copy()
     terms = terms_needed(amplitude, rate)
     zz, zv, vz, vv = transition[0], transition[1], transition[2], transition[3]
     m0, m1, m2 = moments[0], moments[1], moments[2]
@@ -350,16 +306,16 @@ def _piece_by_series(
 def _piece_in_closed_form(
     z: float, v: float, w: float, zeta: float, h: float, a: float, b: float, c: float, mu: float
 ) -> tuple[float, float]:
-    """The same in closed form: what the force holds, and what turns about it."""
+    """A piece of a step in closed form: response to the force, and free oscillation about it."""
     decay = zeta * w
-    own = w * w * (1.0 - zeta * zeta)
-    damped = np.sqrt(own)
+    damped_square = w * w * (1.0 - zeta * zeta)
+    damped = np.sqrt(damped_square)
     offset = a - 2.0 * zeta * b / w
-    held = c * w * w / ((mu - decay) * (mu - decay) + own)
-    away, speed = z - offset - held, v - b + mu * held
+    forced = c * w * w / ((mu - decay) * (mu - decay) + damped_square)
+    away, speed = z - offset - forced, v - b + mu * forced
     fall = np.exp(-decay * h)
     cos, sin = fall * np.cos(damped * h), fall * np.sin(damped * h) / damped
-    held *= np.exp(-mu * h)
-    at = offset + b * h + held + (cos + decay * sin) * away + sin * speed
-    rate = b - mu * held - w * w * sin * away + (cos - decay * sin) * speed
+    forced *= np.exp(-mu * h)
+    at = offset + b * h + forced + (cos + decay * sin) * away + sin * speed
+    rate = b - mu * forced - w * w * sin * away + (cos - decay * sin) * speed
     return at, rate

@@ -1,4 +1,4 @@
-"""A sensor: gain, offset, lag, and what it adds by itself."""
+"""Sensor: gain, offset, lag, noise, mains pick-up and quantisation."""
 
 import math
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from flexstage.hysteresis.chain.element import ChainElement, Complex, positive_s
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.model import Array, Response, checked, samples
 
-# Noise is drawn in blocks of samples, each from a stream of its own: a record does not depend on
-# how it is cut.
+# Number of samples of a noise block; each block has its own random stream, so that a record does
+# not depend on its division into calls.
 _BLOCK = 4096
 
 
@@ -66,7 +66,7 @@ class Sensor(ChainElement):
         for name in ("noise_rms", "quantisation", "mains_frequency_hz"):
             checked(getattr(self, name), f"{name} of a sensor", "finite and not negative")
         if self.bandwidth_hz is not None:
-            hint = "Hz: leave it out for none"
+            hint = "Hz: omit it for none"
             checked(self.bandwidth_hz, "bandwidth of a sensor", "positive and finite", hint)
         if self.seed < 0:
             raise ModelError(f"the seed of a sensor must not be negative, got {self.seed!r}")
@@ -76,21 +76,21 @@ class Sensor(ChainElement):
         return np.array([x, x, 0.0])
 
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        given = samples(x, "input of a sensor")
+        inputs = samples(x, "input of a sensor")
         h = positive_step(dt)
-        now = self._started(given[0], h, state, "a sensor")
-        lagged = self._lag().simulate(given, h, now[:2])
+        now = self._initial_state(inputs[0], h, state, "a sensor")
+        lagged = self._lag().simulate(inputs, h, now[:2])
         count = int(now[2])
         y = self.gain * lagged.values + self.offset
         if self.mains_amplitude != 0.0:
-            t = h * np.arange(count, count + given.size)
+            t = h * np.arange(count, count + inputs.size)
             turn = 2.0 * math.pi * self.mains_frequency_hz * t + self.mains_phase
             y += self.mains_amplitude * np.sin(turn)
         if self.noise_rms > 0.0:
-            y += self.noise_rms * self._noise(count, given.size)
+            y += self.noise_rms * self._noise(count, inputs.size)
         if self.quantisation > 0.0:
             y = self.quantisation * np.round(y / self.quantisation)
-        return Response(values=y, state=np.append(lagged.state, float(count + given.size)))
+        return Response(values=y, state=np.append(lagged.state, float(count + inputs.size)))
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
         return self.gain * self._lag().frequency_response(frequency_hz)
@@ -102,11 +102,11 @@ class Sensor(ChainElement):
 
     def _noise(self, first: int, count: int) -> Array:
         blocks = range(first // _BLOCK, (first + count - 1) // _BLOCK + 1)
-        drawn = [
+        noise = [
             np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(b,))).normal(
                 size=_BLOCK
             )
             for b in blocks
         ]
         offset = first - blocks[0] * _BLOCK
-        return np.concatenate(drawn)[offset : offset + count]
+        return np.concatenate(noise)[offset : offset + count]

@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.base.errors import ModelError
-from flexstage.hysteresis.chain.element import ChainElement, Complex, positive_step
+from flexstage.hysteresis.chain.element import (
+    ChainElement,
+    Complex,
+    positive_step,
+    value_at,
+    values_at_samples,
+)
 from flexstage.hysteresis.chain.modal import (
     UnitStep,
     modes_along_lines,
@@ -18,8 +24,8 @@ from flexstage.hysteresis.chain.modal import (
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, Segments, samples
 
-# A coefficient below this part of the largest is rounding of the sum that made it.
-_NOTHING = 1e-12
+# Relative size of coefficients that are rounding errors of a sum.
+_NEGLIGIBLE = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +35,7 @@ class StageModes(ChainElement):
     .. math:: \frac{y}{x} = 1 - \sum_i c_i + \sum_i c_i
               \frac{\omega_i^2}{s^2 + 2\zeta_i\omega_i s + \omega_i^2}
 
-    What the shares :math:`c_i` leave of one follows at once: modes far above the band. State: the
+    The remainder :math:`1 - \sum_i c_i` follows without delay: modes far above the band. State: the
     input, the deflections of the modes, and their rates [1/s], shape (1 + 2 k,).
 
     Validity: linear, small motion; modes that are not listed follow without delay.
@@ -53,10 +59,10 @@ class StageModes(ChainElement):
     frequency_hz: Sequence[float]
     """Natural frequencies [Hz], shape (k,)."""
     damping_ratio: Sequence[float]
-    """Damping ratios [1], shape (k,); above 1 the mode does not swing."""
+    """Damping ratios [1], shape (k,); above 1 the mode does not oscillate."""
     share: Sequence[float] = (1.0,)
-    """Share of each mode in the static displacement [1], shape (k,); may be negative. All of it
-    where there is one mode and nothing is given.
+    """Share of each mode in the static displacement [1], shape (k,); may be negative. 1 by default,
+    for one mode.
     """
 
     def __post_init__(self) -> None:
@@ -77,7 +83,7 @@ class StageModes(ChainElement):
 
     @property
     def static_share(self) -> float:
-        """What follows at once, without a mode [1]."""
+        """Share that follows without delay [1]."""
         return 1.0 - math.fsum(self.share)
 
     @property
@@ -91,11 +97,11 @@ class StageModes(ChainElement):
         return np.concatenate((np.full(1 + k, float(x)), np.zeros(k)))
 
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        given = samples(x, "input of the stage")
-        step, last, z, v = self._start(given[0], dt, state)
-        y = self.static_share * given[None, :]
-        modes_along_lines(np.append(last, given), step, z, v, self._reader(), y)
-        return Response(values=y[0], state=np.concatenate((given[-1:], z, v / dt)))
+        inputs = samples(x, "input of the stage")
+        step, last, z, v = self._start(inputs[0], dt, state)
+        y = self.static_share * inputs[None, :]
+        modes_along_lines(np.append(last, inputs), step, z, v, self._reader(), y)
+        return Response(values=y[0], state=np.concatenate((inputs[-1:], z, v / dt)))
 
     def through(self, force: Segments, dt: float, state: ArrayLike | None = None) -> Response:
         """Return the output for an input that is known between the samples.
@@ -109,8 +115,7 @@ class StageModes(ChainElement):
         dt : float
             Step between samples [s].
         state : array_like, optional
-            State at the first of them, whose last input is not used; settled there where not
-            given.
+            State at the first of them, whose last input is not used; settled there by default.
 
         Returns
         -------
@@ -140,10 +145,10 @@ class StageModes(ChainElement):
 
         .. math:: x = y + \frac{2\zeta}{\omega} \dot y + \frac{1}{\omega^2} \ddot y
 
-        and for several what division by the stage leaves of this, and a stable filter of the rest,
-        stepped exactly along the spline. Stages of relative degree two have no inverse sample by
-        sample: the zeros that sampling adds are unstable (K. J. Astrom, P. Hagander, J. Sternby,
-        Automatica 20 (1984) 31), so the whole output is needed.
+        and for several modes the polynomial quotient of this kind, and a stable filter for the
+        remainder, stepped exactly along the spline. Stages of relative degree two have no inverse
+        sample by sample: the zeros that sampling adds are unstable (K. J. Astrom, P. Hagander,
+        J. Sternby, Automatica 20 (1984) 31), so the complete output is needed.
 
         Parameters
         ----------
@@ -182,37 +187,8 @@ class StageModes(ChainElement):
     ) -> tuple[UnitStep, float, Array, Array]:
         step = unit_step(self.omega * positive_step(dt), np.array(self.damping_ratio))
         k = len(self.frequency_hz)
-        now = self._started(first, dt, state, "the stage")
+        now = self._initial_state(first, dt, state, "the stage")
         return step, float(now[0]), now[1 : 1 + k].copy(), now[1 + k :] * dt
-
-
-def value_at(force: Segments, sample: int) -> float:
-    """Return the value of a sequence that is known between the samples, at one sample."""
-    i = int(np.searchsorted(force.start, sample, side="right")) - 1
-    since = sample - force.start[i]
-    decay = math.exp(-force.rate[i] * since)
-    return float(force.constant[i] + force.slope[i] * since + force.amplitude[i] * decay)
-
-
-def values_at_samples(force: Segments) -> Array:
-    """Return the values of a sequence that is known between the samples."""
-    value = np.empty(force.samples)
-    _values(*force.numbers, value)
-    return value
-
-
-@compiled
-def _values(
-    start: Array, constant: Array, slope: Array, amplitude: Array, rate: Array, value: Array
-) -> None:
-    i, last = 0, start.size - 1
-    for n in range(value.size):
-        while i < last and start[i + 1] <= n:
-            i += 1
-        since = n - start[i]
-        value[n] = constant[i] + slope[i] * since
-        if amplitude[i] != 0.0:
-            value[n] += amplitude[i] * np.exp(-rate[i] * since)
 
 
 def _polynomials(stage: StageModes) -> tuple[Array, Array, float]:
@@ -220,21 +196,21 @@ def _polynomials(stage: StageModes) -> tuple[Array, Array, float]:
     unit = float(np.exp(np.mean(np.log(stage.omega))))
     w = stage.omega / unit
     factors = [
-        np.array([1.0, 2.0 * zeta * own, own**2])
-        for zeta, own in zip(stage.damping_ratio, w.tolist(), strict=True)
+        np.array([1.0, 2.0 * zeta * omega, omega**2])
+        for zeta, omega in zip(stage.damping_ratio, w.tolist(), strict=True)
     ]
     below = np.array([1.0])
     for factor in factors:
         below = np.polymul(below, factor)
     above = stage.static_share * below
     for i, share in enumerate(stage.share):
-        others = np.array([share * w[i] ** 2])
+        numerator = np.array([share * w[i] ** 2])
         for j, factor in enumerate(factors):
             if j != i:
-                others = np.polymul(others, factor)
-        above = np.polyadd(above, others)
+                numerator = np.polymul(numerator, factor)
+        above = np.polyadd(above, numerator)
     size = np.abs(above).max()
-    first = int(np.flatnonzero(np.abs(above) > _NOTHING * size)[0])
+    first = int(np.flatnonzero(np.abs(above) > _NEGLIGIBLE * size)[0])
     return np.asarray(above[first:], np.float64), np.asarray(below, np.float64), unit
 
 
@@ -244,22 +220,22 @@ def _stage_inverse(stage: StageModes, y: Array, dt: float) -> Array:
     if below.size - above.size > 2:
         raise ModelError(
             "the shares of the modes cancel at high frequency: the inverse of this stage needs "
-            f"{below.size - above.size} derivatives of the reference, and two can be had"
+            f"{below.size - above.size} derivatives of the reference, and only two are available"
         )
     zeros = np.roots(above)
     if np.any(zeros.real >= 0.0):
         worst = unit * zeros[int(np.argmax(zeros.real))]
         raise ModelError(
             f"the stage has a zero at {worst:.4g} rad/s, which is not in the left half-plane: its "
-            "inverse is unstable; leave out the mode of opposite sign, or close the loop"
+            "inverse is unstable; omit the mode of opposite sign, or use feedback"
         )
-    quotient, rest = np.polydiv(below, above)
+    quotient, remainder = np.polydiv(below, above)
     derivatives = _derivatives(y)
     x = np.zeros_like(y)
     for power, c in enumerate(quotient[::-1]):
         x += c * derivatives[power] / (unit * dt) ** power
     if above.size > 1:
-        x += _remainder(np.asarray(rest, np.float64), above, unit * dt, derivatives)
+        x += _remainder(np.asarray(remainder, np.float64), above, unit * dt, derivatives)
     return x
 
 
@@ -273,7 +249,7 @@ def _derivatives(y: Array) -> Array:
     return np.array([spline(np.arange(y.size, dtype=np.float64), nu) for nu in range(6)])
 
 
-def _remainder(rest: Array, above: Array, h: float, derivatives: Array) -> Array:
+def _remainder(remainder: Array, above: Array, h: float, derivatives: Array) -> Array:
     """Step rest/above, a proper filter, exactly along polynomials of fifth degree."""
     from scipy.linalg import expm
 
@@ -286,7 +262,7 @@ def _remainder(rest: Array, above: Array, h: float, derivatives: Array) -> Array
     matrix[range(n, n + 5), range(n + 1, n + 6)] = 1.0
     step = np.asarray(expm(matrix), dtype=np.float64)[:n]
     read = np.zeros(n)
-    trimmed = np.atleast_1d(rest)[::-1][:n] / above[0]
+    trimmed = np.atleast_1d(remainder)[::-1][:n] / above[0]
     read[: trimmed.size] = trimmed
     q = np.zeros(n)
     q[0] = derivatives[0, 0] / (above[-1] / above[0])

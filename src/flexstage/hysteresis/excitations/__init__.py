@@ -1,1 +1,1 @@
-"""The design of the experiment: a drive record that identifies a stage, within its limits."""
+"""Design of experiments: drive records for the identification of a stage, within its limits."""

@@ -1,4 +1,4 @@
-"""Cycles of a drive signal: turning points, rates, minor loops, and what is before the first."""
+"""Cycles of a drive signal: turning points, rates, minor loops, warm-up; one record with them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,52 +7,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
+from flexstage.hysteresis.chain.creep import Start
 from flexstage.hysteresis.compiled import compiled
 from flexstage.records.quality import difference_noise
 
 
 @dataclass(frozen=True, slots=True)
 class _Thresholds:
-    """What a movement is, a cycle, a wait, a rate, and the memory of what was before."""
+    """Limits of movements, cycles, waits, rates and warm-up."""
 
     swing: float = 0.02
-    """A movement is counted when it is larger than this share of the whole range."""
+    """Smallest movement, as a share of the full range."""
     noise_swing: float = 8.0
-    """A movement is counted when it is larger than this many times the noise of the signal."""
+    """Smallest movement, over the noise of the signal."""
     major: float = 0.9
-    """A cycle that moves over this share of the range and more is a major one."""
+    """Smallest swing of a major cycle, as a share of the range."""
     steps: int = 8
-    """Cycles that take fewer samples to move are jumps from one level to another."""
+    """Fewest samples of motion in a cycle; with fewer it is a jump between levels."""
     wait: float = 10.0
-    """A signal waits where it stands still for more than this many times as long as it
-    usually does between two movements: the levels of a staircase are no waits.
+    """Shortest wait, over the usual time between two movements: the levels of a staircase are
+    no waits.
     """
     few: int = 3
-    """Of a record with fewer lower turning points than this, a low end counts as one."""
+    """In a record with fewer lower turning points, a low end counts as one."""
     low_end: float = 0.05
-    """An end is low where it is no higher than this share of the range."""
+    """Highest low end, as a share of the range."""
     other_rate: float = 1.5
-    """Two cycles differ in rate when their frequencies differ by more than this factor."""
+    """Smallest ratio of two different rates."""
     rate_cycles: int = 3
-    """A rate has so many cycles, as noise may split one in two, or `rate_time` of the time."""
+    """Fewest cycles of a rate, as noise may split one in two, unless it has `rate_time`."""
     rate_time: float = 0.1
-    """A rate of fewer cycles takes this share of the time of all."""
+    """Smallest share of the total time of a rate of fewer cycles."""
     regular: float = 0.95
-    """A signal is held where this share of its steps are whole numbers of holds apart."""
+    """Smallest share of the steps of a held signal at multiples of its hold."""
     held_step: float = 1e-3
-    """Steps of a held signal are larger than this share of its range, as those of a
-    converter are not.
-    """
+    """Smallest step of a held signal, as a share of its range; those of a converter are smaller."""
     end: float = 0.05
-    """The memory of what was before a record is wiped out when both ends of the range were
-    reached, within this share of the range.
+    """The memory of earlier motion is erased when both ends of the range were reached, within
+    this share of the range.
     """
     warm_up: float = 0.4
-    """At most this share of a record is given to that."""
+    """Largest share of the warm-up in a record."""
     move: float = 0.002
-    """A change of the input that is less than this share of its range is no motion."""
+    """Smallest motion of the input, as a share of its range."""
     rest: int = 20
-    """Samples that are kept of a rest before the motion."""
+    """Samples of an initial dwell that are kept."""
 
 
 _THRESHOLDS = _Thresholds()
@@ -60,16 +59,16 @@ _THRESHOLDS = _Thresholds()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cycles:
-    """How a drive signal moves."""
+    """Cycles of a drive signal."""
 
     bounds: NDArray[np.intp]
     """First sample of each whole cycle, and the sample after the last, shape (c + 1,). A cycle
     leads from one lower turning point to the next.
     """
     swing: Array
-    """Range that is moved over in each cycle, as a share of the whole range, shape (c,)."""
+    """Range of each cycle, as a share of the full range, shape (c,)."""
     frequency_hz: Array
-    """Reciprocal of the time that the signal moves in each cycle [Hz], shape (c,)."""
+    """Reciprocal of the time of motion in each cycle [Hz], shape (c,)."""
     turning: NDArray[np.intp]
     """Turning points [samples]."""
     range: tuple[float, float]
@@ -77,18 +76,56 @@ class Cycles:
 
     @property
     def rates_hz(self) -> tuple[float, ...]:
-        """Rates of cycles over at least half of the range, that differ by more than half [Hz].
+        """Rates of cycles over at least half of the range that differ by more than half [Hz].
 
-        A smaller loop at the same speed repeats more often, and one of the same period is slower:
-        another rate is one at which both differ.
+        A smaller loop at the same speed has a shorter period, and one of the same period a lower
+        speed: at another rate both differ.
         """
         return tuple(sorted(rate for rate, _ in by_rate(self.frequency_hz, self.swing)))
 
     @property
     def has_minor_loops(self) -> bool:
-        """Whether at least three cycles, of different size, stay inside the whole range."""
+        """True if at least three cycles, of different size, are inside the full range."""
         minor = self.swing[self.swing < _THRESHOLDS.major]
         return minor.size >= 3 and float(np.ptp(minor)) > 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RecordSection:
+    """One record's input and output."""
+
+    u: Array
+    """Input, shape (n,)."""
+    y: Array
+    """Output, with the sign that rises with the input, shape (n,)."""
+    dt: float
+    """Time from one sample to the next [s]."""
+    cycles: Cycles
+    """Cycles of the input."""
+    warm_up: int
+    """Number of first samples that depend on motion before the record."""
+    nuisance: Array
+    """Columns that are fitted with every model and belong to none: the offset, shape (n, 1)."""
+    noise: float
+    """Estimated standard deviation of the noise of the output, in its unit."""
+    input_noise: float = 0.0
+    """That of the noise removed from the input, in its unit; 0 for a command."""
+    first: int = 0
+    """First sample of the record in use, after an initial dwell."""
+    begin: float = 0.0
+    """Its time in the record [s]."""
+    history: int = 0
+    """Number of first samples that represent motion before the record, and were not measured:
+    both ends of the range, after which the memory is that of cycles over all of it.
+    """
+    start: Start = "rested"
+    """Motion of the drive before the record, for its creep."""
+    measured: NDArray[np.bool_] | None = None
+    """True for measured samples of the output, shape (n,); others are interpolated. None if all
+    were measured.
+    """
+    straight: NDArray[np.bool_] | None = None
+    """True for means that represent their samples, shape (n,); all if None."""
 
 
 def _differ(first: float, second: float) -> bool:
@@ -98,17 +135,17 @@ def _differ(first: float, second: float) -> bool:
 def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.intp]]]:
     """Return the rates of cycles, each with the cycles that belong to it.
 
-    The swing is a share of the whole range. Cycles that repeat, or move, as fast as large ones
-    belong to a rate [Hz]; the turns of a transition from one motion to another belong to none.
+    The swing is a share of the full range. Cycles with the frequency or the speed of large ones
+    belong to their rate [Hz]; turns in a transition between two motions belong to none.
     """
     speed = frequency_hz * swing
-    # large cycles make the rates, the largest first
+    # large cycles define the rates, the largest first
     order = sorted(np.flatnonzero(swing > 0.5), key=lambda i: (-swing[i].round(1), frequency_hz[i]))
-    found: list[tuple[int, list[int]]] = []
+    groups: list[tuple[int, list[int]]] = []
     for i in map(int, (*order, *np.flatnonzero(swing <= 0.5))):
         same = (
-            own
-            for first, own in found
+            members
+            for first, members in groups
             if not (
                 _differ(frequency_hz[i], frequency_hz[first]) and _differ(speed[i], speed[first])
             )
@@ -117,12 +154,12 @@ def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.i
         if group is not None:
             group.append(i)
         elif swing[i] > 0.5:
-            found.append((i, [i]))
-    time = [sum(1.0 / frequency_hz[i] for i in own if swing[i] > 0.5) for _, own in found]
-    many = [sum(swing[i] > 0.5 for i in own) for _, own in found]
+            groups.append((i, [i]))
+    time = [sum(1.0 / frequency_hz[i] for i in members if swing[i] > 0.5) for _, members in groups]
+    many = [sum(swing[i] > 0.5 for i in members) for _, members in groups]
     return [
-        (float(frequency_hz[first]), np.sort(own))
-        for (first, own), t, n in zip(found, time, many, strict=True)
+        (float(frequency_hz[first]), np.sort(members))
+        for (first, members), t, n in zip(groups, time, many, strict=True)
         if n >= _THRESHOLDS.rate_cycles or t >= _THRESHOLDS.rate_time * sum(time)
     ]
 
@@ -159,9 +196,9 @@ def turning_points(u: Array, threshold: float) -> NDArray[np.intp]:
     >>> turning_points(np.array([0.0, 1.0, 2.0, 1.9, 3.0, 0.5, 0.6, 0.0, 2.0]), 0.5)
     array([4, 7])
     """
-    found = np.empty(u.size, dtype=np.intp)
-    count = _zigzag(np.ascontiguousarray(u, dtype=np.float64), threshold, found)
-    return found[:count].copy()
+    indices = np.empty(u.size, dtype=np.intp)
+    count = _zigzag(np.ascontiguousarray(u, dtype=np.float64), threshold, indices)
+    return indices[:count].copy()
 
 
 def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
@@ -174,20 +211,19 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
     dt : float
         Time from one sample to the next [s].
     noise_taken : float
-        Standard deviation of noise that was taken out of it, but for some of it.
+        Standard deviation of the noise that was mostly removed from it.
 
     Returns
     -------
     Cycles
-        Its whole cycles. What comes before the first lower turning point and after the last one
-        belongs to no cycle; of a record of one cycle or two, its ends are such points where the
-        signal is low there.
+        Its complete cycles. Samples before the first lower turning point and after the last one
+        belong to no cycle; in a record of one or two cycles, low ends are such points.
 
     Examples
     --------
     >>> t = np.arange(1000) / 200.0
-    >>> found = cycles(60.0 - 60.0 * np.cos(2.0 * np.pi * t), 1.0 / 200.0)
-    >>> found.bounds, found.frequency_hz.round(2)
+    >>> moves = cycles(60.0 - 60.0 * np.cos(2.0 * np.pi * t), 1.0 / 200.0)
+    >>> moves.bounds, moves.frequency_hz.round(2)
     (array([200, 400, 600, 800]), array([1., 1., 1.]))
     """
     low, high = float(u.min()), float(u.max())
@@ -214,14 +250,14 @@ def input_noise(u: Array) -> float:
     """Return the standard deviation of the noise of a drive signal, at most 1 % of its range."""
     if u.size < 5:
         return 0.0
-    # differences of second order see noise, and hardly the movement itself
+    # second differences contain the noise, and hardly the movement
     noise = difference_noise(u, 2)
-    # a command moves by differences of second order as well: noise is what steps at once exceed
+    # smooth motion has second differences as well, hence the upper limit
     return min(noise, float(np.ptp(u)) / 100.0)
 
 
 def held_samples(u: Array) -> int:
-    """Return for how many samples a signal is held, as a staircase; 1 where it is not.
+    """Return the number of samples for which a staircase is constant; 1 for other signals.
 
     Examples
     --------
@@ -229,31 +265,31 @@ def held_samples(u: Array) -> int:
     8
     """
     steps, size = np.abs(np.diff(u)), float(np.ptp(u))
-    moved = np.flatnonzero(steps > 1e-9 * size)
-    if moved.size < _THRESHOLDS.steps:
+    changes = np.flatnonzero(steps > 1e-9 * size)
+    if changes.size < _THRESHOLDS.steps:
         return 1
-    if float(np.median(steps[moved])) < _THRESHOLDS.held_step * size:
+    if float(np.median(steps[changes])) < _THRESHOLDS.held_step * size:
         return 1
-    between = np.diff(moved)
-    held = int(np.median(between))
-    return held if float(np.mean(between % held == 0)) >= _THRESHOLDS.regular else 1
+    between = np.diff(changes)
+    hold = int(np.median(between))
+    return hold if float(np.mean(between % hold == 0)) >= _THRESHOLDS.regular else 1
 
 
 def _moving_time(part: Array, noise: float) -> float:
     """Number of samples that a cycle moves for, without its waits."""
     steps = np.abs(np.diff(part))
     moving = np.flatnonzero(steps > max(1e-3 * float(steps.max()), 4.0 * noise))
-    # a signal that jumps is no faster for it: a step has no rate
+    # a step has no rate: a signal that jumps is not faster
     if moving.size < _THRESHOLDS.steps:
         return float(steps.size)
-    # the time from one movement to the next: 1 where it moves at every sample, more on a staircase
+    # time between two movements: 1 for motion at every sample, more for a staircase
     between = np.diff(np.concatenate(([-1], moving, [max(moving[-1], steps.size - 1)])))
     usual = max(float(np.median(between)), 1.0)
     return float(np.sum(np.where(between > _THRESHOLDS.wait * usual, usual, between)))
 
 
 def _with_ends(u: Array, bounds: NDArray[np.intp], at_most: float) -> NDArray[np.intp]:
-    """Add the ends of a short record to its lower turning points, where the signal is low there."""
+    """Add low ends of a short record to its lower turning points."""
     first = [0] if u[0] <= at_most else []
     last = [u.size - 1] if u[-1] <= at_most else []
     inner = [int(b) for b in bounds if 0 < b < u.size - 1]
@@ -267,19 +303,19 @@ def _is_high(u: Array, turning: NDArray[np.intp]) -> bool:
 
 
 def first_moving(u: Array) -> int:
-    """Return where an input begins to move, less some samples; 0 where it moves from the start."""
+    """Return the first sample of motion, less a few samples; 0 if it moves from the start."""
     noise = input_noise(u)
     still = np.abs(u - float(np.median(u[: _THRESHOLDS.rest]))) <= max(
         _THRESHOLDS.move * float(np.ptp(u)), 6.0 * noise
     )
     moves = int(np.argmin(still)) if still[0] and not still.all() else 0
-    # a slow start is a part of the motion: only a rest that is long beside it is left out
+    # a slow start is a part of the motion: only a dwell longer than that is omitted
     return max(moves - _THRESHOLDS.rest, 0)
 
 
 def warm_up(u: Array, moves: Cycles) -> int:
-    """Return how many first samples still know what was before the record."""
-    # and a whole cycle after it where there are many: other memory fades there
+    """Return the number of first samples that depend on motion before the record."""
+    # with many cycles, a complete cycle more: other memory fades there
     both = _both_ends(u, moves)
     after = moves.bounds[moves.bounds >= both]
     more = 1 if after.size > 6 else 0
@@ -290,12 +326,12 @@ def warm_up(u: Array, moves: Cycles) -> int:
     return min(both, longest) if both <= longest else min(int(moves.bounds[0]), longest)
 
 
-def early_text(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
-    """Say that samples are counted that may know what was before the record.
+def unknown_history_warning(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
+    """Return the warning that counted samples may depend on motion before the record.
 
-    Parts: of each record the input, its cycles, the step [s], the first sample that is counted, and
-    when the first one is in the record [s]. Empty where both ends of the range were reached before
-    in all of them.
+    `parts` are, for each record, the input, its cycles, the step [s], the first counted sample, and
+    the time of the first sample in the record [s]. Empty if both ends of the range were reached
+    before that in all records.
     """
     ends, counts = [], []
     for u, moves, dt, counted, begin in parts:
@@ -306,14 +342,14 @@ def early_text(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
     if not ends:
         return ""
     return (
-        f"the input reaches both ends of its range no sooner than at {' and '.join(ends)} s, and "
-        f"errors are counted from {' and '.join(counts)} s on: till then readings depend on what "
-        "was before, which is taken to be a cycle over the whole range"
+        f"the input reaches both ends of its range only at {' and '.join(ends)} s, but errors are "
+        f"counted from {' and '.join(counts)} s on: until then readings depend on earlier motion, "
+        "which is assumed to be a cycle over the full range"
     )
 
 
 def _both_ends(u: Array, moves: Cycles) -> int:
-    """The sample at which an input has reached both ends of its range."""
+    """Return the sample at which an input has reached both ends of its range."""
     low, high = moves.range
     reach = _THRESHOLDS.end * (high - low)
     return max(int(np.argmax(u >= high - reach)), int(np.argmax(u <= low + reach)))

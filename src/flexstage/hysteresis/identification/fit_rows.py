@@ -1,4 +1,4 @@
-"""What a fit looks at of a record: means or samples of it, and columns behind the linear chain."""
+"""Rows of a fit: samples of records or means of them, and columns behind the linear chain."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -7,42 +7,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
-from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
+from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep, creep_start
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.drive_model import creep_start
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.measurement import (
     with_history,
     without_history,
 )
-from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.model import checked
 from flexstage.records.quality import difference_noise
 
-#: From mean to mean a signal runs in a straight line, within this share of its range, rms, ...
+#: Largest deviation of a signal from straight lines between means, over its range, rms, ...
 _STRAIGHT = 3e-4
-#: ... and this many times its noise. Samples where it does not are left out; at most this share.
+#: ... and over its noise. Other means are omitted from fits, up to this share.
 _NOISE = 3.0
-_LEFT_OUT = 0.04
-#: Means may miss turning points of the input by this share of its range, rms, beside its noise.
+_OMITTED = 0.04
+#: Largest error of means at turning points of the input, over its range, rms, without its noise.
 _BLUNT = 3e-4
-#: Samples that a fit looks at, at most; the models themselves see every sample.
+#: Largest number of rows of a fit; the models are simulated at every sample.
 _MOST_ROWS = 30_000
-#: Samples of the columns that are filtered at once, which bounds the memory.
+#: Number of values that are filtered at once, which limits the memory.
 _BLOCK = 4_000_000
 
 
 def averaged(section: RecordSection, most: int, loose: float = 1.0) -> RecordSection:
-    """Take the mean of so many neighbouring samples that a long record becomes short.
+    """Average neighbouring samples of a long record.
 
-    Input and output are averaged alike, so that a linear chain does not see it and a delay stays
-    what it is; noise that is white falls with the square root of their number. Where input or
-    output run otherwise than in a straight line from mean to mean, as in sharp turns, jumps and
-    tones, a hysteresis of the mean is not the mean of a hysteresis: those samples are left out of
-    fits. Blocks are kept so short that they are few, and that no turning point is blunted. `loose`
-    is how much more than usual means may miss of the motion. Returned as it was where it is short
-    enough, or moves too quickly.
+    Input and output are averaged in the same way, which changes neither a linear chain nor a delay;
+    white noise falls with the square root of the number of samples. Where input or output deviate
+    from straight lines between means, as in sharp turns, jumps and tones, the hysteresis of a mean
+    is not the mean of the hysteresis: those means are omitted from fits. Blocks are short enough
+    that they are few, and that turning points remain. `loose` is a factor on these limits. The
+    section is returned unchanged if it is short enough or too fast.
     """
     if section.measured is not None:
         return section
@@ -50,9 +48,9 @@ def averaged(section: RecordSection, most: int, loose: float = 1.0) -> RecordSec
     every = -(-measured.u.size // most)
     noise = difference_noise(measured.u, 3), measured.noise
     while every >= 2:
-        made = _means(measured, every, noise, loose)
-        if made is not None:
-            return with_history(made) if section.history else made
+        means = _means(measured, every, noise, loose)
+        if means is not None:
+            return with_history(means) if section.history else means
         every = min(every - 1, int(0.8 * every))
     return section
 
@@ -60,15 +58,15 @@ def averaged(section: RecordSection, most: int, loose: float = 1.0) -> RecordSec
 def _means(
     section: RecordSection, every: int, noise: tuple[float, float], loose: float
 ) -> RecordSection | None:
-    """The section of means; None where they would not do."""
+    """Section of means; None if they do not represent the motion."""
     u, y = (_blocks(x, every).mean(axis=1) for x in (section.u, section.y))
     straight = np.ones(u.size, dtype=bool)
-    for values, means, own in zip((section.u, section.y), (u, y), noise, strict=True):
-        bound = (loose * _STRAIGHT * np.ptp(values)) ** 2 + (_NOISE * own) ** 2
+    for values, means, noise_rms in zip((section.u, section.y), (u, y), noise, strict=True):
+        bound = (loose * _STRAIGHT * np.ptp(values)) ** 2 + (_NOISE * noise_rms) ** 2
         straight &= _bend(values, means, every) <= bound
-    if np.mean(~straight) > _LEFT_OUT:
+    if np.mean(~straight) > _OMITTED:
         return None
-    # the line to a mean that does not stand for its samples is wrong for the one beside it as well
+    # the line to a wrong mean is wrong for its neighbours as well
     straight[1:-1] &= straight[2:] & straight[:-2]
     turning = section.cycles.turning
     bound = loose * _BLUNT * float(np.ptp(section.u)) + _NOISE * noise[0]
@@ -90,7 +88,7 @@ def _means(
 
 
 def _blocks(values: Array, every: int) -> Array:
-    """Values in rows of neighbours; the last ones, which fill no row, are left out."""
+    """Values in rows of neighbours, without the last ones, which fill no row."""
     count = values.size // every
     return values[: count * every].reshape(count, every)
 
@@ -101,14 +99,14 @@ def _bend(values: Array, means: Array, every: int) -> Array:
     before = np.concatenate((2.0 * means[:1] - means[1:2], means[:-1]))
     after = np.concatenate((means[1:], 2.0 * means[-1:] - means[-2:-1]))
     square = np.zeros(means.size)
-    for own, column in zip(place, _blocks(values, every).T, strict=True):
-        other = before if own < 0.0 else after
-        square += (column - means - abs(own) * (other - means)) ** 2
+    for position, column in zip(place, _blocks(values, every).T, strict=True):
+        other = before if position < 0.0 else after
+        square += (column - means - abs(position) * (other - means)) ** 2
     return square / every
 
 
 def _blunting(u: Array, means: Array, turning: NDArray[np.intp], every: int) -> float:
-    """How far the means stay behind the turning points, rms."""
+    """Error of the means at the turning points, rms."""
     at = np.clip(turning // every, 1, means.size - 2)
     if at.size == 0 or means.size < 3:
         return 0.0
@@ -129,14 +127,14 @@ class ChainValues:
     damping_ratio: float = 0.02
     """Its damping ratio [1]."""
     resonance_share: float = 1.0
-    """Part of the motion that goes through the mode; the rest follows at once [1]."""
+    """Share of the motion through the mode; the rest follows without delay [1]."""
     creep_shortest: float = 0.01
     """Time at which creep begins [s]."""
     creep_longest: float = 1000.0
     """Time at which creep ends [s]."""
     spectrum: CreepSpectrum | None = None
-    """Time constants of the creep and their weights, which `creep_per_decade` scales; those that go
-    with the logarithm of time where not given.
+    """Time constants of the creep and their weights, which `creep_per_decade` scales; logarithmic
+    creep where not given.
     """
 
     def __post_init__(self) -> None:
@@ -162,7 +160,7 @@ class ChainValues:
 
     @property
     def modes(self) -> StageModes | None:
-        """The resonance as an element of the chain; None where there is none."""
+        """The resonance as an element of the chain; None for none."""
         if self.resonance_hz == 0.0:
             return None
         return StageModes(
@@ -174,33 +172,33 @@ class ChainValues:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rows:
-    """The samples of a section that a fit looks at."""
+    """Samples of a section that are used in a fit."""
 
     at: NDArray[np.intp]
     """Samples, shape (r,)."""
     cycle: NDArray[np.intp]
-    """Number of the cycle that each lies in, shape (r,)."""
+    """Number of the cycle of each, shape (r,)."""
 
 
 def rows_of(sections: Sequence[RecordSection], most: int = _MOST_ROWS) -> tuple[Rows, ...]:
-    """Choose the samples that a fit looks at, `most` of all: after the warm-up, evenly thinned."""
+    """Select at most `most` samples for a fit: after the warm-up, uniformly thinned."""
     total = sum(s.u.size - s.warm_up for s in sections)
     every = max(1, -(-total // most))
-    chosen = []
+    rows = []
     for s in sections:
         at = np.arange(s.warm_up, s.u.size, every)
-        for stands in (s.straight, s.measured):
-            at = at if stands is None else at[stands[at]]
+        for mask in (s.straight, s.measured):
+            at = at if mask is None else at[mask[at]]
         # rows before the first and after the last cycle belong to their neighbour
         cycle = np.searchsorted(s.cycles.bounds, at, side="right")
         cycle = np.clip(cycle, 1, max(s.cycles.swing.size, 1))
-        chosen.append(Rows(at=at, cycle=cycle))
-    return tuple(chosen)
+        rows.append(Rows(at=at, cycle=cycle))
+    return tuple(rows)
 
 
 def filtered(columns: Array, section: RecordSection, rows: Rows, chain: ChainValues) -> Array:
     """Pass quasi-static columns, shape (n, m), through the chain, to the rows, shape (r, m)."""
-    # what stands for the time before the record is memory, and no motion
+    # samples before the record set the memory, and are no motion
     columns, first = columns[section.history :], rows.at - section.history
     n, m = columns.shape
     behind = np.empty((m, first.size))
@@ -208,7 +206,7 @@ def filtered(columns: Array, section: RecordSection, rows: Rows, chain: ChainVal
     before = np.minimum(at.astype(np.intp), n - 2)
     share = np.asarray(at - before, dtype=np.float64)
     for block in _column_blocks(n, m):
-        # column by column, as they lie in memory
+        # column by column, in the order of memory
         part = np.ascontiguousarray(columns[:, block].T)
         if chain.creep_per_decade > 0.0 or chain.resonance_hz > 0.0:
             part = _dynamic(part, section, chain)
@@ -216,7 +214,7 @@ def filtered(columns: Array, section: RecordSection, rows: Rows, chain: ChainVal
     return behind.T
 
 
-def filtered_whole(columns: Array, section: RecordSection, chain: ChainValues) -> Array:
+def filtered_samples(columns: Array, section: RecordSection, chain: ChainValues) -> Array:
     """Pass quasi-static columns, shape (n, m), through the chain, to every sample."""
     at = np.arange(columns.shape[0])
     return filtered(columns, section, Rows(at=at, cycle=at), chain)
@@ -229,7 +227,7 @@ def _column_blocks(n: int, m: int) -> Iterator[slice]:
 
 
 def _dynamic(columns: Array, section: RecordSection, chain: ChainValues) -> Array:
-    """What creep and modes make of columns, each of them in a row, shape (m, n)."""
+    """Pass columns through creep and modes, each column in a row, shape (m, n)."""
     dt, modes = section.dt, chain.modes
     if chain.creep_per_decade > 0.0:
         creep = chain.creep
@@ -242,7 +240,7 @@ def _dynamic(columns: Array, section: RecordSection, chain: ChainValues) -> Arra
 
 @compiled
 def _between(rows: Array, before: NDArray[np.intp], share: Array, out: Array) -> None:
-    """Read rows between samples, on straight lines."""
+    """Interpolate rows between samples, linearly."""
     for j in range(rows.shape[0]):
         for k in range(before.size):
             low = rows[j, before[k]]

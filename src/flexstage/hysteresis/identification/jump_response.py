@@ -1,4 +1,4 @@
-"""Delay and lowest mode, from how the output answers jumps of the input."""
+"""Delay and lowest mode, from the response to jumps of the input."""
 
 import math
 from dataclasses import dataclass
@@ -10,60 +10,60 @@ from scipy.ndimage import maximum_filter1d
 from scipy.optimize import least_squares, minimize_scalar
 
 from flexstage.base.arrays import Array
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.measurement import without_history
 from flexstage.hysteresis.identification.projection import orthonormal
-from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.identification.resonance_search import Resonance
 
 
 @dataclass(frozen=True, slots=True)
 class _Thresholds:
-    """What a jump is, and what is believed of the ringing after it."""
+    """Limits of jumps, and of the ringing after them."""
 
     share: float = 0.02
-    """A jump moves over this share of the range."""
+    """Smallest jump, as a share of the range."""
     steeper: float = 6.0
-    """It moves this many times as far as as many samples beside it do."""
+    """Smallest ratio of a jump to the motion over as many neighbouring samples."""
     quiet: int = 12
-    """Samples before and after a jump that it is compared with."""
+    """Neighbouring samples on each side of a jump."""
     samples: int = 3000
-    """What follows a jump is looked at for so many samples at most."""
+    """Largest number of samples of the response to a jump."""
     periods: float = 40.0
-    """What follows a jump is looked at for so many periods of the mode, once that is known."""
+    """Largest number of periods of the response to a jump, with a known mode."""
     jumps: int = 12
-    """Jumps that are looked at, the largest of a record."""
-    worth: float = 0.3
-    """A mode is believed where it takes this share of the misfit of a plain delay away."""
-    vague: float = 0.01
-    """A mode is believed where the standard error of its frequency is below this share of it."""
+    """Largest number of jumps of a record, the largest ones."""
+    reduction: float = 0.3
+    """Smallest reduction by a mode of the squared residual of a plain delay."""
+    largest_error: float = 0.01
+    """Largest relative standard error of the frequency of a mode."""
     least_damping: float = 5e-4
-    """A mode that decays has this damping ratio or more."""
+    """Smallest damping ratio of a mode."""
     most_damping: float = 0.3
-    """Largest damping ratio that is looked for."""
+    """Largest damping ratio of a mode."""
     sampled: float = 2.5
-    """A mode is sampled so many times in a period at least."""
-    faint: float = 30.0
-    """What may ring has a line in the spectrum this many times above the median."""
-    line: float = 100.0
-    """What surely rings has a line this many times above the median."""
-    visible: float = 5.0
-    """What surely rings is this many times as large as the noise."""
-    bent: float = 0.1
-    """The hysteresis in a jump moves the phase of a mode by this share of the duration."""
+    """Fewest samples in a period of a mode."""
+    possible_line: float = 30.0
+    """Smallest ratio of a spectral line to the median, for possible ringing."""
+    certain_line: float = 100.0
+    """Smallest ratio of a spectral line to the median, for certain ringing."""
+    certain_size: float = 5.0
+    """Smallest ratio of the residual to the noise, for certain ringing."""
+    phase: float = 0.1
+    """Shift of the phase of a mode by the hysteresis in a jump, over the duration of the jump."""
 
 
 _THRESHOLDS = _Thresholds()
-#: Numbers of samples within which a jump moves.
+#: Numbers of samples of a jump.
 _WIDTHS = (2, 8)
 
 
-#: Where a jump lies between two samples is not known: of the length of a sample.
+#: Standard deviation of the place of a jump between two samples [samples].
 _WITHIN = 1.0 / math.sqrt(12.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Window:
-    """A jump: the output about it without what is slow, and the corners of the input."""
+    """Jump of the input: the output about it without slow motion, and the corners of the input."""
 
     t: Array
     y: Array
@@ -73,20 +73,20 @@ class _Window:
 
     @classmethod
     def of(cls, t: Array, y: Array, slow: Array, corners: Array, bends: Array) -> "_Window":
-        """Take what is slow out of the output."""
+        """Remove slow motion from the output."""
         basis = orthonormal(slow)
         y = y - basis @ (basis.T @ y)
         return cls(t=t, y=y, slow=basis, corners=corners, bends=bends)
 
     def bare(self, columns: Array) -> Array:
-        """Columns without what the slow ones can say."""
+        """Columns less their projection on slow motion."""
         return columns - self.slow @ (self.slow.T @ columns)
 
     def ramps(self, delay: float) -> Array:
         """The jump itself, later, shape (n, 1)."""
         return (np.maximum(self.t[:, None] - self.corners - delay, 0.0) @ self.bends)[:, None]
 
-    def rung(self, f: float, damping: float, delay: float) -> Array:
+    def ringing(self, f: float, damping: float, delay: float) -> Array:
         """The jump behind a mode, in closed form, shape (n, 1)."""
         omega = 2.0 * math.pi * f
         quick = omega * math.sqrt(1.0 - damping**2)
@@ -100,30 +100,30 @@ class _Window:
 def jumps(u: Array) -> NDArray[np.intp]:
     """Return the last sample before each jump of an input and the first after it, shape (j, 2).
 
-    A jump moves over more than 2 % of the range within two samples, or eight, and hardly in the
-    twelve beside it.
+    A jump is a motion by more than 2 % of the range within two or eight samples, with hardly any
+    motion in the twelve next to it.
     """
-    found: list[tuple[int, int]] = []
+    pairs: list[tuple[int, int]] = []
     for width in _WIDTHS:
         if u.size < 4 * (_THRESHOLDS.quiet + width):
             break
         step = np.abs(u[width:] - u[:-width])
         # the largest of the neighbours on either side, beyond those that share in the jump
         pad = _THRESHOLDS.quiet + width + 1
-        beside = maximum_filter1d(np.pad(step, pad), _THRESHOLDS.quiet - 1, mode="constant")
+        neighbours = maximum_filter1d(np.pad(step, pad), _THRESHOLDS.quiet - 1, mode="constant")
         middle, reach = np.arange(step.size) + pad, _THRESHOLDS.quiet // 2 + width + 1
-        around = np.maximum(beside[middle - reach], beside[middle + reach])
+        around = np.maximum(neighbours[middle - reach], neighbours[middle + reach])
         jumps = step > _THRESHOLDS.share * np.ptp(u)
         at = np.flatnonzero(jumps & (step > _THRESHOLDS.steeper * around))
         for run in np.split(at, np.flatnonzero(np.diff(at) > width + 1) + 1) if at.size else []:
             i = int(run[int(np.argmax(step[run]))])
-            if all(abs(i - other) > _THRESHOLDS.quiet for other, _ in found):
-                found.append(_whole(u, i, i + width))
-    return np.array(sorted(found), dtype=np.intp).reshape(-1, 2)
+            if all(abs(i - other) > _THRESHOLDS.quiet for other, _ in pairs):
+                pairs.append(_jump_extent(u, i, i + width))
+    return np.array(sorted(pairs), dtype=np.intp).reshape(-1, 2)
 
 
-def _whole(u: Array, start: int, stop: int) -> tuple[int, int]:
-    """Where a jump that was seen between two samples begins, and where it is over."""
+def _jump_extent(u: Array, start: int, stop: int) -> tuple[int, int]:
+    """Last sample before a jump, and first sample after it, from two samples of it."""
     little = 0.02 * abs(u[stop] - u[start])
     while start > 0 and stop - start < _WIDTHS[-1] and abs(u[start] - u[start - 1]) > little:
         start -= 1
@@ -137,22 +137,21 @@ def _whole(u: Array, start: int, stop: int) -> tuple[int, int]:
 
 
 def jump_response(section: RecordSection) -> Resonance | None:
-    r"""Find the delay and the lowest mode of an output that answers jumps of its input.
+    r"""Find the delay and the lowest mode of an output from jumps of its input.
 
-    About each jump the output is a slow motion, the jump itself, and the jump behind a mode of
-    second order, the last two later by the delay:
+    About each jump the output is the sum of slow motion, the jump itself, and the jump behind a
+    mode of second order, the last two later by the delay:
 
     .. math:: y = s(t) + a\, j(t - t_d) + b\, (h * j)(t - t_d), \qquad
               h = \frac{\omega_0}{\sqrt{1-\zeta^2}}\, e^{-\zeta\omega_0 t}
                   \sin(\omega_0 \sqrt{1-\zeta^2}\, t)
 
-    in closed form for straight lines between samples of the input. All but frequency, damping and
-    delay enter linearly and are projected out. None where the input does not jump, or the output
-    does not answer.
+    in closed form for straight lines between samples of the input. The output is linear in all
+    parameters but frequency, damping and delay; these are projected out. None without jumps of the
+    input, or without a response.
 
-    Validity: a jump is over before the mode has moved far, and what the hysteresis does in it is
-    over with it. The standard error of a delay without a mode is no less than that of a jump that
-    lies somewhere between two samples.
+    Validity: jumps that are short compared with the period of the mode. The standard error of a
+    delay without a mode is at least that of a jump somewhere between two samples.
     """
     windows = _windows(without_history(section))
     if not windows:
@@ -167,14 +166,14 @@ def jump_response(section: RecordSection) -> Resonance | None:
         error = _curvature_error(windows, plain_delay, plain_cost, dt, count)
         plain = Resonance(delay=plain_delay, delay_error=math.hypot(error, _WITHIN * dt))
     at, height = _line(windows, plain_delay, dt)
-    if at == 0.0 or height < _THRESHOLDS.faint:
+    if at == 0.0 or height < _THRESHOLDS.possible_line:
         return plain
     mode = _mode(windows, at, dt)
     if mode is not None:
         return mode
-    large = _THRESHOLDS.visible * section.noise
-    shown = height > _THRESHOLDS.line and _size(windows, plain_delay) > large
-    if not shown or plain is None:
+    large = _THRESHOLDS.certain_size * section.noise
+    certain = height > _THRESHOLDS.certain_line and _size(windows, plain_delay) > large
+    if not certain or plain is None:
         return plain
     return Resonance(delay=plain.delay, delay_error=plain.delay_error, unexplained_hz=at)
 
@@ -184,7 +183,7 @@ def _windows(section: RecordSection) -> list[_Window]:
     at = jumps(u)
     size = np.abs(u[at[:, 1]] - u[at[:, 0]])
     ends = np.append(at[1:, 0], u.size)
-    made = []
+    windows = []
     for k in np.sort(np.argsort(-size)[: _THRESHOLDS.jumps]):
         first, last = (int(i) for i in at[k])
         after = u[last : min(int(ends[k]), last + _THRESHOLDS.samples)]
@@ -192,8 +191,8 @@ def _windows(section: RecordSection) -> list[_Window]:
         stop = last + (int(away[0]) if away.size else after.size)
         start = max(first - _THRESHOLDS.quiet, int(at[k - 1, 1]) if k else 0)
         if stop - last >= 2 * _THRESHOLDS.quiet:
-            made.append(_window(section, slice(start, stop), first, last))
-    return made
+            windows.append(_window(section, slice(start, stop), first, last))
+    return windows
 
 
 def _window(section: RecordSection, part: slice, first: int, last: int) -> _Window:
@@ -219,52 +218,59 @@ def _window(section: RecordSection, part: slice, first: int, last: int) -> _Wind
     )  # fmt: skip
 
 
-def _left(window: _Window, columns: Array) -> tuple[Array, Array]:
-    """What columns leave of the output of a window, and their coefficients."""
+def _residual(window: _Window, columns: Array) -> tuple[Array, Array]:
+    """Residual of the output of a window with columns, and their coefficients."""
     bare = window.bare(columns)
-    own: Array = np.asarray(np.linalg.lstsq(bare, window.y, rcond=1e-9)[0], dtype=np.float64)
-    return window.y - bare @ own, own
+    coefficients: Array = np.asarray(
+        np.linalg.lstsq(bare, window.y, rcond=1e-9)[0], dtype=np.float64
+    )
+    return window.y - bare @ coefficients, coefficients
 
 
 def _plain(windows: list[_Window], longest: float, dt: float) -> tuple[float, float]:
-    """Delay of jumps that come through as they are, and the sum of squares that it leaves."""
+    """Delay of jumps without a mode, and the sum of squares of the residual."""
 
     def cost(delay: float) -> float:
-        return sum(float(np.sum(_left(w, w.ramps(delay))[0] ** 2)) for w in windows)
+        return sum(float(np.sum(_residual(w, w.ramps(delay))[0] ** 2)) for w in windows)
 
     steps = np.arange(0.0, longest + 0.5 * dt, 0.5 * dt)
     best = float(min(steps, key=cost))
-    found: Any = minimize_scalar(
+    minimum: Any = minimize_scalar(
         cost,
         bounds=(max(best - dt, 0.0), best + dt),
         method="bounded",
         options={"xatol": 1e-3 * dt},
     )
-    return (float(found.x), float(found.fun)) if found.fun < cost(best) else (best, cost(best))
+    return (
+        (float(minimum.x), float(minimum.fun)) if minimum.fun < cost(best) else (best, cost(best))
+    )
 
 
 def _curvature_error(
     windows: list[_Window], delay: float, cost: float, dt: float, count: int
 ) -> float:
-    """Standard error of a delay, from jump to jump where there are several."""
+    """Standard error of a delay, by its scatter between jumps if there are several."""
     each = [_plain([w], delay + 4.0 * dt, dt)[0] for w in windows] if len(windows) > 2 else []
     if each:
         return float(np.std(each, ddof=1) / math.sqrt(len(each)))
     h = 0.25 * dt
     rate = 0.0
     for w in windows:
-        ends = [_left(w, w.ramps(max(delay + s, 0.0)))[0] for s in (h, -h)]
+        ends = [_residual(w, w.ramps(max(delay + s, 0.0)))[0] for s in (h, -h)]
         rate += float(np.sum(((ends[0] - ends[1]) / (2.0 * h)) ** 2))
     return math.sqrt(cost / max(count - 8, 1) / max(rate, 1e-300))
 
 
 def _line(windows: list[_Window], delay: float, dt: float) -> tuple[float, float]:
-    """Frequency of the highest line of what a plain delay leaves [Hz], and its height."""
+    """Frequency of the highest line in the residual of a plain delay [Hz], and its height."""
     size = 1 << math.ceil(math.log2(max(w.t.size for w in windows))) + 1
     power = np.zeros(size // 2 + 1)
     for w in windows:
-        left = _left(w, w.ramps(delay))[0][w.t > delay]
-        power += np.abs(np.fft.rfft(left * np.hanning(2 * left.size)[left.size :], size)) ** 2
+        residual = _residual(w, w.ramps(delay))[0][w.t > delay]
+        power += (
+            np.abs(np.fft.rfft(residual * np.hanning(2 * residual.size)[residual.size :], size))
+            ** 2
+        )
     f = np.fft.rfftfreq(size, dt)
     long = max(w.t[-1] for w in windows)
     inside = (f > 4.0 / long) & (f < 1.0 / (_THRESHOLDS.sampled * dt))
@@ -275,30 +281,36 @@ def _line(windows: list[_Window], delay: float, dt: float) -> tuple[float, float
 
 
 def _size(windows: list[_Window], delay: float) -> float:
-    """Largest part of what a plain delay leaves after a jump, in a typical window."""
+    """Largest residual of a plain delay after a jump, in a typical window."""
     return float(
         np.median(
-            [np.sort(np.abs(_left(w, w.ramps(delay))[0][w.t > delay]))[-8:].mean() for w in windows]
+            [
+                np.sort(np.abs(_residual(w, w.ramps(delay))[0][w.t > delay]))[-8:].mean()
+                for w in windows
+            ]
         )
     )
 
 
 def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
-    """The mode near a line, where it is one."""
+    """Mode near a spectral line; None if it is no mode."""
     short = [_until(w, _THRESHOLDS.periods / at) for w in windows]
     scale = np.array([0.01 * at, 0.01, dt])
 
     def left(x: Array) -> Array:
         f, damping, delay = (float(v) for v in x * scale)
         return np.concatenate(
-            [_left(w, np.hstack((w.rung(f, damping, delay), w.ramps(delay))))[0] for w in short]
+            [
+                _residual(w, np.hstack((w.ringing(f, damping, delay), w.ramps(delay))))[0]
+                for w in short
+            ]
         )
 
     def cost(x: Array) -> float:
         return float(np.sum(left(x) ** 2))
 
     longest = max(1.25 / at, 4.0 * dt)
-    # a delay that is a period too long rings along almost as well: look over more than one
+    # a delay that is a period too long fits almost as well: search more than one period
     starts = [
         np.array([at, damping, delay]) / scale
         for damping in (0.01, 0.06)
@@ -307,7 +319,7 @@ def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
     low = np.array([0.8 * at, 1e-4, 0.0]) / scale
     high = np.array([1.25 * at, _THRESHOLDS.most_damping, 2.0 * longest]) / scale
     begins = sorted(starts, key=cost)[:2]
-    found = min(
+    fit = min(
         (
             least_squares(
                 left, np.clip(b, low + 1e-6, high - 1e-6), bounds=(low, high), max_nfev=30
@@ -316,15 +328,15 @@ def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
         ),
         key=lambda r: r.cost,
     )
-    f, damping, delay = (float(v) for v in found.x * scale)
+    f, damping, delay = (float(v) for v in fit.x * scale)
     plain = _plain(short, 2.0 * longest, dt)[1]
     decays = _THRESHOLDS.least_damping < damping < 0.9 * _THRESHOLDS.most_damping
-    if 2.0 * found.cost > (1.0 - _THRESHOLDS.worth) * plain or not decays:
+    if 2.0 * fit.cost > (1.0 - _THRESHOLDS.reduction) * plain or not decays:
         return None
-    spread = np.linalg.pinv(found.jac.T @ found.jac) * 2.0 * found.cost
-    spread /= max(found.fun.size - 3 - sum(w.slow.shape[1] + 2 for w in short), 1)
+    spread = np.linalg.pinv(fit.jac.T @ fit.jac) * 2.0 * fit.cost
+    spread /= max(fit.fun.size - 3 - sum(w.slow.shape[1] + 2 for w in short), 1)
     error = np.sqrt(np.maximum(np.diag(spread), 0.0)) * scale
-    if error[0] > _THRESHOLDS.vague * f:
+    if error[0] > _THRESHOLDS.largest_error * f:
         return None
     share = _share(short, f, damping, delay)
     width = max(float(w.corners[-1]) for w in short)
@@ -332,7 +344,7 @@ def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
         return None
     return Resonance(
         delay=delay,
-        delay_error=math.hypot(float(error[2]), _THRESHOLDS.bent * width),
+        delay_error=math.hypot(float(error[2]), _THRESHOLDS.phase * width),
         frequency_hz=f,
         frequency_error_hz=float(error[0]),
         damping_ratio=damping,
@@ -341,18 +353,18 @@ def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
 
 
 def _share(windows: list[_Window], f: float, damping: float, delay: float) -> float:
-    """Part of the jumps that goes through a mode."""
+    """Share of the jumps through a mode."""
     parts = []
     for w in windows:
-        own = _left(w, np.hstack((w.rung(f, damping, delay), w.ramps(delay))))[1]
-        parts.append(own)
+        coefficients = _residual(w, np.hstack((w.ringing(f, damping, delay), w.ramps(delay))))[1]
+        parts.append(coefficients)
     through, at_once = np.sum(parts, axis=0)
     share = float(through / (through + at_once))
     return 1.0 if share > 0.95 else share
 
 
 def _until(window: _Window, end: float) -> _Window:
-    """The first part of a window."""
+    """First part of a window."""
     n = int(np.searchsorted(window.t, end))
     if n >= window.t.size or n < 4 * _THRESHOLDS.quiet:
         return window

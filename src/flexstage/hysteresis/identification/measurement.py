@@ -9,52 +9,54 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
 from flexstage.base.short_repr import short_repr
 from flexstage.hysteresis.identification.cycles import (
+    RecordSection,
     cycles,
-    early_text,
     first_moving,
     held_samples,
+    unknown_history_warning,
     warm_up,
 )
 from flexstage.hysteresis.identification.faults import (
     RecordFault,
     butterfly,
     butterfly_text,
-    findings_of_record,
+    denoised,
+    input_noise_warning,
+    record_faults,
     without_spikes,
 )
-from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
-from flexstage.hysteresis.identification.record_section import RecordSection
+from flexstage.quantities.units import readable
 from flexstage.records import Channel, Record
 from flexstage.records.quality import difference_noise
 
-#: A loop narrower than this share of the stroke says nothing about which column leads.
+#: A loop narrower than this share of the stroke does not show which column leads.
 _NARROW_LOOP = 0.004
-#: An output whose correlation with the input is less than this does not follow it.
+#: Smallest correlation of an output that follows its input.
 _UNRELATED = 0.1
-#: Ranges of a column whose squares and products are numbers.
+#: Ranges of a column whose squares and products are finite.
 _SMALLEST, _LARGEST = 1e-60, 1e60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class IdentificationData:
-    """What a model is identified from."""
+    """Prepared records of an identification."""
 
     sections: tuple[RecordSection, ...]
     """One of each record."""
     sign: float
     """1 if the output rises with the input, -1 if it falls."""
     input_unit: str
-    """Unit of the input; empty where nobody has said."""
+    """Unit of the input; empty if unknown."""
     output_unit: str
-    """Unit of the output; empty where nobody has said."""
+    """Unit of the output; empty if unknown."""
     stroke: float
     """Range of the output after the warm-up, in its unit."""
     warnings: tuple[str, ...]
-    """What the records cannot tell, and which experiment is missing."""
+    """Quantities that the records do not determine, and missing experiments."""
     findings: tuple[RecordFault, ...] = ()
-    """Spikes that were taken out, clipping, butterfly loops."""
+    """Faults: removed spikes, clipping, butterfly loops."""
     drift: bool = False
-    """Whether the last column beside the model is a drift."""
+    """True if the last nuisance column is a drift."""
 
     __repr__ = short_repr
 
@@ -79,7 +81,7 @@ def measurement(
     *,
     drift: bool = False,
 ) -> IdentificationData:
-    """Prepare records for identification, after checking that they can serve.
+    """Prepare records for identification, after checking that they are suitable.
 
     Parameters
     ----------
@@ -90,7 +92,7 @@ def measurement(
     output_column : str or int
         The column that follows.
     drift : bool
-        Whether the output of each record drifts at a constant speed, to be fitted beside a model.
+        Fit a drift of constant speed to each record, with the model.
 
     Returns
     -------
@@ -100,8 +102,8 @@ def measurement(
     Raises
     ------
     RecordError
-        A column is missing or does not move, the samples are uneven, the output leads the input,
-        or it does not follow it at all.
+        A column is missing or constant, the sampling is not uniform, the output leads the input,
+        or does not follow it.
     """
     if not records:
         raise RecordError("an identification needs at least one record, got none")
@@ -109,21 +111,23 @@ def measurement(
     for _, i, o in pairs:
         if i is o:
             raise RecordError(
-                f"input and output are the same column, '{i.name}': choose the one that drives and "
-                "the one that follows"
+                f"input and output are the same column, '{i.name}': select the command and the "
+                "measured output"
             )
     units = {(i.unit, o.unit) for _, i, o in pairs}
     if len(units) > 1:
         raise RecordError(f"the records have different units: {sorted(units)}; give them by option")
     for r, i, o in pairs:
         require_usable(r, i, o)
-    whole = [bool(np.isfinite(o.values).all()) for _, _, o in pairs]
-    none = np.zeros(0, dtype=np.intp)
-    mended = [
-        without_spikes(i.values, o.values) if all_ else (o.values, none)
-        for (_, i, o), all_ in zip(pairs, whole, strict=True)
+    complete = [bool(np.isfinite(o.values).all()) for _, _, o in pairs]
+    no_spikes = np.zeros(0, dtype=np.intp)
+    despiked = [
+        without_spikes(i.values, o.values) if all_ else (o.values, no_spikes)
+        for (_, i, o), all_ in zip(pairs, complete, strict=True)
     ]
-    pairs = [(r, i, replace(o, values=y)) for (r, i, o), (y, _) in zip(pairs, mended, strict=True)]
+    pairs = [
+        (r, i, replace(o, values=y)) for (r, i, o), (y, _) in zip(pairs, despiked, strict=True)
+    ]
     sign = _sign(pairs)
     sections = tuple(
         _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source) for r, i, o in pairs
@@ -132,7 +136,7 @@ def measurement(
         sections = tuple(_with_drift(s) for s in sections)
     _require_order(sections, pairs[0][1].name, pairs[0][2].name)
     stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
-    made = IdentificationData(
+    data = IdentificationData(
         sections=sections,
         sign=sign,
         input_unit=pairs[0][1].unit,
@@ -142,40 +146,43 @@ def measurement(
         drift=drift,
     )
     findings = [
-        findings_of_record(k, without_history(s), spikes, sign, (made.input_unit, made.output_unit))
-        for k, (s, (_, spikes)) in enumerate(zip(sections, mended, strict=True))
+        record_faults(k, without_history(s), spikes, sign, (data.input_unit, data.output_unit))
+        for k, (s, (_, spikes)) in enumerate(zip(sections, despiked, strict=True))
         if s.measured is None
     ]
     return replace(
-        made, warnings=_warnings(made), findings=tuple(f for own in findings for f in own)
+        data,
+        warnings=_warnings(data),
+        findings=tuple(f for section_findings in findings for f in section_findings),
     )
 
 
 def _with_drift(section: RecordSection) -> RecordSection:
-    """Put a column beside the model that rises by 1 over the record."""
+    """Add a nuisance column that rises by 1 over the record."""
     rise = np.linspace(0.0, 1.0, section.u.size)
     return replace(section, nuisance=np.column_stack((section.nuisance, rise)))
 
 
 def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
-    """Return rates [Hz] in rising order, those left out that are less than half above another."""
-    found: list[float] = []
+    """Return rates [Hz] in rising order, without those less than half above another."""
+    rates: list[float] = []
     for f in sorted(rates_hz):
-        if not found or f > 1.5 * found[-1]:
-            found.append(f)
-    return tuple(found)
+        if not rates or f > 1.5 * rates[-1]:
+            rates.append(f)
+    return tuple(rates)
 
 
-def require_usable(record: Record, given: Channel, read: Channel) -> None:
-    """Refuse an input and an output that cannot be computed with.
+def require_usable(record: Record, input_channel: Channel, output_channel: Channel) -> None:
+    """Refuse an unusable input or output.
 
-    Samples of the output may be missing that the record has not, as one of branches or curves.
+    Samples of the output may be missing where the record has none, as in a table of branches.
     """
-    _require_column(record, given, gaps=False)
-    _require_column(record, read, gaps=True)
+    _require_column(record, input_channel, gaps=False)
+    _require_column(record, output_channel, gaps=True)
     if not record.uniform:
         raise RecordError(
-            f"{record.source or 'the record'} is not evenly sampled: resample it to a constant rate"
+            f"{record.source or 'the record'} is not uniformly sampled: resample it at a constant "
+            "rate"
         )
 
 
@@ -188,56 +195,56 @@ def _require_column(record: Record, channel: Channel, *, gaps: bool) -> None:
         raise RecordError(f"{where} has {values.size} samples: at least {least} are needed")
     if not np.all(np.isfinite(values)):
         first = int(np.argmin(np.isfinite(values)))
-        raise RecordError(f"{where} holds {values[first]} at sample {first}: correct the record")
+        raise RecordError(f"{where} is {values[first]} at sample {first}: correct the record")
     size = float(np.ptp(values))
     if not size > 1e-13 * float(np.max(np.abs(values))):
-        raise RecordError(f"{where} is constant at {values[0]:g}: choose a column that moves")
+        raise RecordError(f"{where} is constant at {values[0]:g}: select a column that changes")
     if not _SMALLEST < size < _LARGEST:
         raise RecordError(
-            f"{where} has a range of {size:.3g}: a range of {_SMALLEST:g} to {_LARGEST:g} is "
-            "computed with; give it another unit"
+            f"{where} has a range of {size:.3g}, which must be {_SMALLEST:g} to {_LARGEST:g}: give "
+            "it another unit"
         )
 
 
 def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
-    """Whether the output rises or falls with the input; refused where it does neither."""
-    found = []
+    """Sign of the output over the input; a RecordError if they are uncorrelated."""
+    signs = []
     for r, i, o in pairs:
-        known = np.isfinite(o.values)
-        share = float(np.corrcoef(i.values[known], o.values[known])[0, 1])
+        measured = np.isfinite(o.values)
+        share = float(np.corrcoef(i.values[measured], o.values[measured])[0, 1])
         if abs(share) < _UNRELATED:
             moves = cycles(i.values, 1.0 / r.sample_rate_hz)
-            turned = butterfly(i.values, o.values, moves) if moves.bounds.size > 1 else None
-            if turned is not None:
-                raise RecordError(butterfly_text(turned, i.unit))
+            turn = butterfly(i.values, o.values, moves) if moves.bounds.size > 1 else None
+            if turn is not None:
+                raise RecordError(butterfly_text(turn, i.unit))
             raise RecordError(
                 f"column '{o.name}' of {r.source or 'the record'} does not follow '{i.name}' "
-                f"(correlation {share:.3f}): choose the columns that belong together"
+                f"(correlation {share:.3f}): select columns that belong together"
             )
-        found.append(float(np.sign(share)))
-    if len(set(found)) > 1:
+        signs.append(float(np.sign(share)))
+    if len(set(signs)) > 1:
         raise RecordError("the output rises with the input in one record and falls in another")
-    return found[0]
+    return signs[0]
 
 
 def _section(u: Array, y: Array, dt: float, source: str) -> RecordSection:
     first = first_moving(u)
     u, y = u[first:], y[first:]
     measured = np.isfinite(y)
-    taken = 0.0
+    noise_removed = 0.0
     if measured.all():
-        u, taken = denoised(u, y)
+        u, noise_removed = denoised(u, y)
     else:
         at = np.arange(y.size)
         y = np.interp(at, at[measured], y[measured])
-    moves = cycles(u, dt, taken)
+    moves = cycles(u, dt, noise_removed)
     if moves.bounds.size < 2:
         raise RecordError(
-            f"the input of {source or 'the record'} makes no whole cycle, from one lower turning "
-            "point to the next: identification needs at least one, and better five, over the range "
-            "that is to be used"
+            f"the input of {source or 'the record'} has no complete cycle, from one lower turning "
+            "point to the next: identification needs at least one, better five, over the range of "
+            "use"
         )
-    # differences of third order pass noise and hardly pass a smooth motion
+    # third differences contain the noise, and hardly any smooth motion
     noise = difference_noise(y, 3)
     return with_history(
         RecordSection(
@@ -248,7 +255,7 @@ def _section(u: Array, y: Array, dt: float, source: str) -> RecordSection:
             warm_up=warm_up(u, moves),
             nuisance=np.ones((u.size, 1)),
             noise=noise,
-            input_noise=taken,
+            input_noise=noise_removed,
             first=first,
             begin=first * dt,
             measured=None if measured.all() else measured,
@@ -257,7 +264,7 @@ def _section(u: Array, y: Array, dt: float, source: str) -> RecordSection:
 
 
 def with_history(section: RecordSection) -> RecordSection:
-    """Return a section with both ends of its range before it, which leave their memory."""
+    """Return a section that begins with both ends of its range, which set the memory."""
     moves = section.cycles
     before = np.array([moves.range[1], moves.range[0]])
     n = before.size
@@ -276,7 +283,7 @@ def with_history(section: RecordSection) -> RecordSection:
 
 
 def without_history(section: RecordSection) -> RecordSection:
-    """Return a section as it was measured."""
+    """Return the measured samples of a section."""
     n, moves, straight = section.history, section.cycles, section.straight
     return replace(
         section,
@@ -292,25 +299,25 @@ def without_history(section: RecordSection) -> RecordSection:
 
 
 def _require_order(sections: Sequence[RecordSection], input_name: str, output_name: str) -> None:
-    """Refuse an output that leads: the loop of a drive is always run with the output behind."""
-    whole = [s for s in sections if s.measured is None]
-    if not whole:
+    """Refuse an output that leads: the output of a drive always lags."""
+    complete = [s for s in sections if s.measured is None]
+    if not complete:
         return
-    widths = np.concatenate([_loop_areas(s) for s in whole])
+    widths = np.concatenate([_loop_areas(s) for s in complete])
     mean = float(widths.mean())
     error = float(widths.std() / np.sqrt(widths.size))
     if mean < -_NARROW_LOOP and mean < -3.0 * error:
-        held = max(held_samples(without_history(s).u) for s in sections)
-        late = f", is '{input_name}' read too seldom (it stands for {held} samples at a time)"
+        hold = max(held_samples(without_history(s).u) for s in sections)
+        late = f", '{input_name}' is read too rarely (it is constant for {hold} samples at a time)"
         raise RecordError(
             f"the output leads the input: column '{output_name}' moves before '{input_name}' (the "
-            f"loop is run backwards, {100 * mean:.1f} % of its box); are the columns "
-            f"swapped{late if held > 1 else ''}, or does the output lag by half a cycle and more?"
+            f"loop runs in reverse, {100 * mean:.1f} % of its box); check whether the columns are "
+            f"swapped{late if hold > 1 else ''} or the output lags by half a cycle or more"
         )
 
 
 def _loop_areas(section: RecordSection) -> Array:
-    """Signed area of each large loop by that of its box; positive where the output lags."""
+    """Signed area of each large loop over that of its box; positive if the output lags."""
     c = section.cycles
     areas = []
     for i in range(c.swing.size):
@@ -318,7 +325,7 @@ def _loop_areas(section: RecordSection) -> Array:
             continue
         u = section.u[c.bounds[i] : c.bounds[i + 1] + 1]
         y = section.y[c.bounds[i] : c.bounds[i + 1] + 1]
-        # closed by a straight line where drift has left a gap
+        # closed by a straight line, as drift leaves a gap
         area = -float(
             np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(u)) + 0.5 * (y[-1] + y[0]) * (u[0] - u[-1])
         )
@@ -327,47 +334,45 @@ def _loop_areas(section: RecordSection) -> Array:
 
 
 def _warnings(m: IdentificationData) -> tuple[str, ...]:
-    found: list[str] = []
+    warnings: list[str] = []
     if not any(s.cycles.has_minor_loops for s in m.sections):
-        found.append(
-            "no minor loops: what happens inside the major loop is not identified; record nested "
-            "loops of falling or rising amplitude as well"
+        warnings.append(
+            "no minor loops: behaviour inside the major loop is not identified; record nested "
+            "loops of decreasing or increasing amplitude as well"
         )
     if sum(s.cycles.swing.size for s in m.sections) < 3:
-        found.append(
-            "fewer than three whole cycles: errors on cycles that were held out say little; record "
-            "more"
+        warnings.append(
+            "fewer than three complete cycles: errors on held-out cycles are uncertain; record more"
         )
-    rests = [f"{s.begin:.3g}" for s in m.sections if s.first > 0]
-    if rests:
-        found.append(
-            f"the input rests for {' and '.join(dict.fromkeys(rests))} s before it moves: this is "
-            "left out"
-        )
-    bare = map(without_history, m.sections)
-    early = early_text([(s.u, s.cycles, s.dt, s.warm_up, s.begin) for s in bare])
+    dwells = [readable("s", s.begin, digits=3) for s in m.sections if s.first > 0]
+    if dwells:
+        warnings.append(f"initial dwell of {' and '.join(dict.fromkeys(dwells))} ignored")
+    measured = map(without_history, m.sections)
+    early = unknown_history_warning([(s.u, s.cycles, s.dt, s.warm_up, s.begin) for s in measured])
     if early:
-        found.append(early)
+        warnings.append(early)
     if max(_levels(s.u) for s in m.sections) < 10:
-        found.append(
-            "the input jumps between few levels: what lies between them is not identified; drive "
+        warnings.append(
+            "the input jumps between few levels: behaviour between them is not identified; drive "
             "with sines or triangles"
         )
-    found += [
-        f"the input stands for {held} samples ({held * s.dt:.3g} s) at a time: where it was only "
-        "read so seldom, delay and loop are wrong by it; where the drive was stepped, the error "
-        "holds its lag and ringing behind each step; drive and record it as often as the output"
+    warnings += [
+        f"the input is constant for {hold} samples ({hold * s.dt:.3g} s) at a time: if it was read "
+        "at this interval, delay and loop are wrong by it; if the drive was stepped, the error "
+        "includes lag and ringing after each step; sample the input as often as the output"
         for s in m.sections
-        if (held := held_samples(without_history(s).u)) > 1
+        if (hold := held_samples(without_history(s).u)) > 1
     ]
     noise = max(s.input_noise for s in m.sections) / (m.input_range[1] - m.input_range[0])
     if noise > 0.0:
-        found.append(smoothed_text(noise))
+        warnings.append(input_noise_warning(noise))
     if m.sign < 0:
-        found.append("the output falls where the input rises: the sign of the output was turned")
-    return tuple(found)
+        warnings.append(
+            "the output falls where the input rises: the sign of the output was reversed"
+        )
+    return tuple(warnings)
 
 
 def _levels(u: Array) -> int:
-    """How many twentieths of its range a signal visits."""
+    """Number of twentieths of its range that a signal visits."""
     return np.unique(np.floor(19.999 * (u - u.min()) / np.ptp(u))).size

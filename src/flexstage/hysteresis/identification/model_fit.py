@@ -1,4 +1,4 @@
-"""How a model is fitted: the data, the fit, and models linear in all of their parameters."""
+"""Fits of models: data, results, and models linear in all of their parameters."""
 
 import functools
 import operator
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     Rows,
@@ -21,7 +22,6 @@ from flexstage.hysteresis.identification.fit_rows import (
 )
 from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.projection import Normal, Solution, normal_equations, solve
-from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS, part
 
@@ -30,26 +30,26 @@ _FOLDS = 5
 #: Runs of neighbouring cycles in each part.
 _RUNS = 2
 
-#: Samples and rows that a search begins with, and how much more than elsewhere means may miss.
+#: Samples and rows of the coarse search, and the factor on its limits of averaging.
 _COARSE_SAMPLES = 5000
 _COARSE_ROWS = 2500
 _COARSE_LOOSE = 10.0
-#: Columns behind the chain that change by less than this, over the largest change, stand still.
+#: A column behind the chain is constant if it changes by less than this, over the largest change.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FitData(IdentificationData):
-    """What a model is fitted to: a measurement behind a known chain, some samples of it."""
+    """Data of a fit: a measurement behind a known chain, and the rows in use."""
 
     chain: ChainValues
     """The chain behind the hysteresis."""
     rows: tuple[Rows, ...]
-    """Samples of each section that are looked at."""
+    """Rows of each section."""
     use: tuple[NDArray[np.bool_], ...]
-    """Which of them are fitted, shape (r,); the others are held out."""
+    """True for fitted rows, shape (r,); the others are held out."""
     memo: dict[str, Any] = field(default_factory=dict)
-    """What fits have worked out for all the rows, kept for the next choice of `use`."""
+    """Cached results of fits for all rows, for other values of `use`."""
 
     @property
     def input_scale(self) -> float:
@@ -68,12 +68,12 @@ class FitData(IdentificationData):
 
     def with_output(self, output: list[Array]) -> "FitData":
         """Return the same data with another output."""
-        made = []
+        sections = []
         for s, r, values in zip(self.sections, self.rows, output, strict=True):
             y = s.y.copy()
             y[r.at] = values
-            made.append(replace(s, y=y))
-        return replace(self, sections=tuple(made))
+            sections.append(replace(s, y=y))
+        return replace(self, sections=tuple(sections))
 
 
 def fit_data(
@@ -99,25 +99,25 @@ class FitResult:
     model: HysteresisModel
     """The model."""
     search: Array = field(default_factory=lambda: np.zeros(0))
-    """Where the search over nonlinear parameters ended, shape (s,)."""
+    """Optimum of the nonlinear parameters, shape (s,)."""
     names: tuple[str, ...] = ()
     """Names of the parameters that have an uncertainty."""
     values: Array = field(default_factory=lambda: np.zeros(0))
     """Their values, shape (k,)."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Warnings."""
     jacobian: Array | None = None
-    """Change of the output with each of them at all rows that are fitted, shape (r, k)."""
+    """Derivatives of the output by them at the fitted rows, shape (r, k)."""
 
 
 class ModelFit(ABC):
-    """One model, and how it is fitted."""
+    """Fitting method of a model."""
 
     #: The model.
     law: ClassVar[type[HysteresisModel]]
     #: Number of parameters.
     size: int
-    #: Whether it is tried where no model is named.
+    #: True if it is a candidate when no model is named.
     automatic: bool = True
 
     @property
@@ -129,14 +129,13 @@ class ModelFit(ABC):
     def fit(self, data: FitData, start: Array | None = None) -> FitResult:
         """Fit the model.
 
-        Start: where the search over nonlinear parameters begins; a grid over their range where
-        None.
+        `start` is the first value of the nonlinear parameters; a grid over their range if None.
         """
 
     def refit(self, data: FitData, optimum: Array) -> FitResult:
         """Fit fewer samples, from the optimum of more of them, which is near.
 
-        The result has not what standard errors need.
+        The result has no Jacobian.
         """
         return self.fit(data, optimum if optimum.size else None)
 
@@ -156,29 +155,29 @@ def equations(behind: list[Array], data: FitData, key: str = "") -> Normal:
     """Form the normal equations of the samples in use.
 
     Columns are behind the chain, at the rows of each section. A key names these columns: sums over
-    all samples are then formed once, and what is held out is taken off.
+    all samples are then formed once, and those of held-out samples are subtracted.
     """
     if not key:
         return _summed(behind, data)
     name = f"{key} equations"
     if name not in data.memo:
         data.memo[name] = data.use, _summed(behind, data)
-    used, whole = data.memo[name]
-    less = [a & ~b for a, b in zip(used, data.use, strict=True)]
-    more = any(np.any(b & ~a) for a, b in zip(used, data.use, strict=True))
-    if more or 2 * sum(map(np.sum, less)) > whole.count:
+    rows_of_total, total = data.memo[name]
+    less = [a & ~b for a, b in zip(rows_of_total, data.use, strict=True)]
+    more = any(np.any(b & ~a) for a, b in zip(rows_of_total, data.use, strict=True))
+    if more or 2 * sum(map(np.sum, less)) > total.count:
         return _summed(behind, data)
     if not any(map(np.any, less)):
-        return whole
-    return whole - _summed(behind, data.with_use(tuple(less)))
+        return total
+    return total - _summed(behind, data.with_use(tuple(less)))
 
 
 def _summed(behind: list[Array], data: FitData) -> Normal:
-    own = []
+    sections = []
     for c, s, r, use in zip(behind, data.sections, data.rows, data.use, strict=True):
         nuisance, y = s.nuisance[r.at], s.y[r.at]
-        own.append(normal_equations(c, nuisance, y, runs(use)))
-    return functools.reduce(operator.add, own)
+        sections.append(normal_equations(c, nuisance, y, runs(use)))
+    return functools.reduce(operator.add, sections)
 
 
 def runs(use: NDArray[np.bool_]) -> list[slice]:
@@ -188,10 +187,10 @@ def runs(use: NDArray[np.bool_]) -> list[slice]:
 
 
 def coarse(data: FitData) -> FitData:
-    """Return the data of a shorter record, to begin a search with that is ended on all of it.
+    """Return averaged data for the first stage of a search.
 
-    Means of neighbouring samples, and few rows of them; those that hold any held-out sample are
-    held out. What searches begin with is that of all samples.
+    Means of neighbouring samples, and few rows of them; means with any held-out sample are held
+    out. Cached starts of searches are those of all samples.
     """
     if "coarse" not in data.memo:
         share = _COARSE_SAMPLES // len(data.sections)
@@ -199,17 +198,19 @@ def coarse(data: FitData) -> FitData:
         data.memo["coarse"] = sections, rows_of(sections, _COARSE_ROWS)
     sections, rows = data.memo["coarse"]
     use = tuple(
-        _within(own.at, round(c.dt / s.dt), r.at, u)
-        for own, c, s, r, u in zip(rows, sections, data.sections, data.rows, data.use, strict=True)
+        _within(coarse_rows.at, round(c.dt / s.dt), r.at, u)
+        for coarse_rows, c, s, r, u in zip(
+            rows, sections, data.sections, data.rows, data.use, strict=True
+        )
     )
-    memo = {name: kept for name, kept in data.memo.items() if name.endswith(" start")}
+    memo = {name: value for name, value in data.memo.items() if name.endswith(" start")}
     return replace(data, sections=sections, rows=rows, use=use, memo=memo)
 
 
 def _within(
     means: NDArray[np.intp], every: int, at: NDArray[np.intp], use: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Which means are of samples in use alone, by the rows next to their first and last one."""
+    """Mark the means of samples in use, by the rows next to their first and last sample."""
     last = at.size - 1
     first = np.clip(np.searchsorted(at, means * every, side="right") - 1, 0, last)
     after = np.clip(np.searchsorted(at, (means + 1) * every - 1), 0, last)
@@ -217,32 +218,32 @@ def _within(
 
 
 def residual(behind: list[Array], solution: Solution, data: FitData) -> Array:
-    """Return what a solution leaves of the output, at the samples in use."""
+    """Return the residual of a solution at the rows in use."""
     left, first = [], 0
     for c, s, r, use in zip(behind, data.sections, data.rows, data.use, strict=True):
         count = s.nuisance.shape[1]
-        own = solution.nuisance[first : first + count]
+        coefficients = solution.nuisance[first : first + count]
         first += count
-        made = c @ solution.coefficients + s.nuisance[r.at] @ own
-        left.append((s.y[r.at] - made)[use])
+        model_output = c @ solution.coefficients + s.nuisance[r.at] @ coefficients
+        left.append((s.y[r.at] - model_output)[use])
     return np.concatenate(left)
 
 
 def folds_of(
     data: FitData, count: int = _FOLDS, runs: int = _RUNS
 ) -> list[tuple[NDArray[np.bool_], ...]]:
-    """Divide the cycles of all sections into parts of about as many samples.
+    """Divide the cycles of all sections into parts with similar numbers of samples.
 
-    With two runs of neighbours in each part, far from one another, drift is not extrapolated, and
-    slow cycles and fast ones are in every part of a record of both. With one run a part that goes
-    further than the others asks a model to extrapolate. Rows before the first and after the last
-    cycle belong to its neighbour; there are fewer parts than `count` where there are fewer cycles.
+    With two distant runs of neighbours in each part, drift is not extrapolated, and every part of a
+    record with slow and fast cycles has both. With one run, a model is extrapolated to a part of
+    larger range. Rows before the first and after the last cycle belong to its neighbour; there are
+    fewer parts than `count` if there are fewer cycles.
     """
     section, cycle, size = [], [], []
     for k, (r, use) in enumerate(zip(data.rows, data.use, strict=True)):
-        found, rows = np.unique(r.cycle[use], return_counts=True)
-        section += [k] * found.size
-        cycle += found.tolist()
+        numbers, rows = np.unique(r.cycle[use], return_counts=True)
+        section += [k] * numbers.size
+        cycle += numbers.tolist()
         size += rows.tolist()
     parts = min(count, len(cycle))
     if parts == 0:
@@ -250,12 +251,12 @@ def folds_of(
     blocks = min(runs * parts, len(cycle))
     middle = np.cumsum(size) - 0.5 * np.array(size)
     block = np.minimum((middle / np.sum(size) * blocks).astype(int), blocks - 1)
-    # long cycles leave blocks empty: those that are not are numbered anew
+    # long cycles leave blocks empty: the others are renumbered
     part = np.unique(block, return_inverse=True)[1] % parts
-    held = {(k, c): p for k, c, p in zip(section, cycle, part.tolist(), strict=True)}
+    fold_of_cycle = {(k, c): p for k, c, p in zip(section, cycle, part.tolist(), strict=True)}
     return [
         tuple(
-            np.isin(r.cycle, [c for (s, c), q in held.items() if s == k and q == p]) & use
+            np.isin(r.cycle, [c for (s, c), q in fold_of_cycle.items() if s == k and q == p]) & use
             for k, (r, use) in enumerate(zip(data.rows, data.use, strict=True))
         )
         for p in range(int(part.max()) + 1)
@@ -267,33 +268,33 @@ class LinearFit(ModelFit):
 
     @abstractmethod
     def columns(self, section: RecordSection, data: FitData) -> Iterator[Array]:
-        """Give the quasi-static output per unit of each parameter, some parameters at a time."""
+        """Yield the quasi-static output per unit of each parameter, in blocks of parameters."""
 
     @abstractmethod
     def build(self, coefficients: Array, data: FitData) -> HysteresisModel:
-        """Return the model that some parameters make."""
+        """Return the model of these parameters."""
 
     def smoothing(self, data: FitData, moving: NDArray[np.bool_]) -> Array | None:
-        """Return the penalty, added to the products of the columns that move; None for none.
+        """Return the penalty on differences of neighbouring parameters; None for none.
 
-        A quadratic form of parameters that differ from their neighbours, per sample and per square
-        of the input's range; parameters that do not move get nothing.
+        A quadratic form, per sample and per square of the range of the input, that is added to the
+        products of moving columns; it is zero for parameters of constant columns.
         """
         del data, moving
         return None
 
     @abstractmethod
     def names(self) -> tuple[str, ...]:
-        """Return what each parameter is called."""
+        """Return the names of the parameters."""
 
     def fit(self, data: FitData, start: Array | None = None) -> FitResult:
         del start
-        made = self.refit(data, np.zeros(0))
+        result = self.refit(data, np.zeros(0))
         behind, moving = self.moving(data)
-        active = np.isin(np.array(self.names())[moving], made.names)
+        active = np.isin(np.array(self.names())[moving], result.names)
         parts = [c[:, active] for c in behind]
         used = [c if use.all() else c[use] for c, use in zip(parts, data.use, strict=True)]
-        return replace(made, jacobian=np.concatenate(used))
+        return replace(result, jacobian=np.concatenate(used))
 
     def refit(self, data: FitData, optimum: Array) -> FitResult:
         del optimum
@@ -307,7 +308,7 @@ class LinearFit(ModelFit):
         )
 
     def solution(self, normal: Normal, data: FitData) -> Solution:
-        """Solve the normal equations of the columns that move."""
+        """Solve the normal equations of the moving columns."""
         _, moving = self.moving(data)
         penalty = self.smoothing(data, moving)
         if penalty is not None:
@@ -315,61 +316,61 @@ class LinearFit(ModelFit):
         return solve(normal, smoothing=penalty)
 
     def moving(self, data: FitData) -> tuple[list[Array], NDArray[np.bool_]]:
-        """Give the columns that move, behind the chain at the rows, worked out once.
+        """Return the moving columns behind the chain, at the rows, and which columns move.
 
-        One that stands still cannot be told from the offset, and is none of this model.
+        A constant column cannot be separated from the offset, and does not belong to the model.
         """
         if self.kind not in data.memo:
             parts, moving = [], []
             # a block at a time: all columns at all samples of a long record would not fit
             for block in zip(*(self.columns(s, data) for s in data.sections), strict=True):
-                some = moves(block)
-                parts.append(behind_chain([c[:, some] for c in block], data))
-                moving.append(some)
-            behind = [np.concatenate(own, axis=1) for own in zip(*parts, strict=True)]
-            every, some = np.concatenate(moving), moves(behind, _ROUNDING)
-            every[every] = some
-            kept = behind if some.all() else [c[:, some] for c in behind]
-            data.memo[self.kind] = kept, every
+                moves_here = moves(block)
+                parts.append(behind_chain([c[:, moves_here] for c in block], data))
+                moving.append(moves_here)
+            behind = [np.concatenate(blocks, axis=1) for blocks in zip(*parts, strict=True)]
+            every, moves_here = np.concatenate(moving), moves(behind, _ROUNDING)
+            every[every] = moves_here
+            moving_columns = behind if moves_here.all() else [c[:, moves_here] for c in behind]
+            data.memo[self.kind] = moving_columns, every
         return data.memo[self.kind]
 
 
 def moves(columns: Sequence[Array], share: float = 0.0) -> NDArray[np.bool_]:
-    """Return which columns change anywhere, by more than a share of the largest change."""
+    """Mark the columns that change by more than a share of the largest change."""
     spread = np.max([np.ptp(c, axis=0) for c in columns], axis=0)
     return spread > share * np.max(spread, initial=0.0)
 
 
 def fits() -> Mapping[str, ModelFit]:
-    """Return how each model that can be fitted is, by its name, from few parameters to many."""
+    """Return the fitting methods by name of the model, by increasing number of parameters."""
     return _fits(tuple(MODELS.items()))
 
 
-def models_named(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the models that are tried where these are named; auto stands for four of them.
+def selected_models(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the candidate models of a request; auto selects four of them.
 
-    The others are tried when they are named: beside these four they were
-    chosen for none of nine records that were measured, and take a third of the time.
+    The others are candidates only by name: compared with these four they were selected for none of
+    nine measured records, and need a third of the time.
 
     Raises
     ------
     ModelError
         There is no such model.
     """
-    known = fits()
+    available = fits()
     if tuple(names) == ("auto",):
-        return tuple(kind for kind, fit in known.items() if fit.automatic)
-    allowed = f"choose from auto, {', '.join(known)}"
+        return tuple(kind for kind, fit in available.items() if fit.automatic)
+    allowed = f"choose from auto, {', '.join(available)}"
     if not names:
-        raise ModelError(f"no model is named: {allowed}")
+        raise ModelError(f"no model is given: {allowed}")
     for name in names:
-        if name not in known:
+        if name not in available:
             raise ModelError(f"the model '{name}' is not known: {allowed}")
     return tuple(names)
 
 
 @functools.cache
 def _fits(models: tuple[tuple[str, type[HysteresisModel]], ...]) -> Mapping[str, ModelFit]:
-    found = (getattr(part(kind, "fit"), f"{law.__name__}Fit", None) for kind, law in models)
-    made: list[ModelFit] = [fit() for fit in found if fit]
-    return {fit.kind: fit for fit in sorted(made, key=lambda fit: fit.size)}
+    classes = (getattr(part(kind, "fit"), f"{law.__name__}Fit", None) for kind, law in models)
+    instances: list[ModelFit] = [fit() for fit in classes if fit]
+    return {fit.kind: fit for fit in sorted(instances, key=lambda fit: fit.size)}

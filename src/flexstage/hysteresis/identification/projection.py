@@ -10,8 +10,8 @@ from scipy.optimize import nnls
 
 from flexstage.base.arrays import Array
 
-#: Share of the largest diagonal element that is added to each, so that columns which no sample has
-#: exercised do not make the equations singular; they then get nothing.
+#: Share of the largest diagonal element that is added to each, so that columns without samples do
+#: not make the equations singular; their coefficients are zero.
 _RIDGE = 1e-13
 
 
@@ -35,7 +35,7 @@ class Normal:
     """Number m of columns that belong to the model."""
 
     def __add__(self, other: "Normal") -> "Normal":
-        # nuisance columns of two sections stand side by side
+        # nuisance columns of two sections are separate
         m, a, b = self.columns, self.gram.shape[0], other.gram.shape[0]
         gram = np.zeros((a + b - m, a + b - m))
         gram[:a, :a] = self.gram
@@ -88,30 +88,30 @@ def normal_equations(
     m, size = columns.shape[1], columns.shape[1] + nuisance.shape[1]
     gram, right, square, count = np.zeros((size, size)), np.zeros(size), 0.0, 0
     for run in runs:
-        c, other, own = columns[run], nuisance[run], y[run]
+        c, other, outputs = columns[run], nuisance[run], y[run]
         gram[:m, :m] += c.T @ c
         gram[:m, m:] += c.T @ other
         gram[m:, m:] += other.T @ other
-        right[:m] += c.T @ own
-        right[m:] += other.T @ own
-        square += float(own @ own)
-        count += own.size
+        right[:m] += c.T @ outputs
+        right[m:] += other.T @ outputs
+        square += float(outputs @ outputs)
+        count += outputs.size
     gram[m:, :m] = gram[:m, m:].T
     return Normal(gram=gram, right=right, square=square, count=count, columns=m)
 
 
-def columns_chosen(normal: Normal, chosen: NDArray[np.intp]) -> Normal:
-    """Return the equations of some of the columns."""
-    kept = np.concatenate((chosen, np.arange(normal.columns, normal.right.size)))
-    gram, right = normal.gram[np.ix_(kept, kept)], normal.right[kept]
-    return replace(normal, gram=gram, right=right, columns=chosen.size)
+def column_subset(normal: Normal, columns: NDArray[np.intp]) -> Normal:
+    """Return the equations of a subset of the columns."""
+    indices = np.concatenate((columns, np.arange(normal.columns, normal.right.size)))
+    gram, right = normal.gram[np.ix_(indices, indices)], normal.right[indices]
+    return replace(normal, gram=gram, right=right, columns=columns.size)
 
 
-def groups_summed(normal: Normal, factors: Array) -> Normal:
-    """Return the equations of sums of columns that lie in groups, side by side.
+def group_sums(normal: Normal, factors: Array) -> Normal:
+    """Return the equations of a weighted sum of groups of columns.
 
-    Groups have as many columns each: column j of the sum is that of all columns j times the factor
-    of its group.
+    All groups have the same number of columns: column j of the sum is the sum of the columns j of
+    all groups, each times the factor of its group.
     """
     n, m = normal.columns, normal.columns // factors.size
     summed = np.tensordot(factors, normal.gram[:n].reshape(factors.size, m, -1), axes=1)
@@ -124,8 +124,8 @@ def groups_summed(normal: Normal, factors: Array) -> Normal:
     return replace(normal, gram=gram, right=right, columns=m)
 
 
-def square_left(normal: Normal, solution: Solution) -> float:
-    """Return the sum of squares that a solution leaves.
+def residual_square(normal: Normal, solution: Solution) -> float:
+    """Return the sum of squares of the residual of a solution.
 
     Exact to rounding of the sum of squares of the output.
     """
@@ -151,18 +151,18 @@ def solve(
     gram /= scale
     gram /= scale[:, None]
     right = normal.right / scale
-    loose = np.ones(gram.shape[0], dtype=bool)
-    loose[:m] = False if free is None else free
+    is_free = np.ones(gram.shape[0], dtype=bool)
+    is_free[:m] = False if free is None else free
     x = np.zeros(gram.shape[0])
-    inner = gram[loose][:, loose]
+    inner = gram[is_free][:, is_free]
     np.fill_diagonal(inner, inner.diagonal() + _RIDGE)
-    across = gram[loose][:, ~loose]
-    every = np.linalg.solve(inner, np.column_stack((right[loose], across)))
-    own, coupling = every[:, 0], every[:, 1:]
+    across = gram[is_free][:, ~is_free]
+    every = np.linalg.solve(inner, np.column_stack((right[is_free], across)))
+    free_part, coupling = every[:, 0], every[:, 1:]
     if across.size:
-        reduced = gram[~loose][:, ~loose] - across.T @ coupling
-        x[~loose] = _non_negative(reduced, right[~loose] - across.T @ own)
-    x[loose] = own - coupling @ x[~loose]
+        reduced = gram[~is_free][:, ~is_free] - across.T @ coupling
+        x[~is_free] = _non_negative(reduced, right[~is_free] - across.T @ free_part)
+    x[is_free] = free_part - coupling @ x[~is_free]
     x /= scale
     return Solution(coefficients=x[:m], nuisance=x[m:])
 

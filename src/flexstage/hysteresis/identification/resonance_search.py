@@ -1,4 +1,4 @@
-"""The lowest resonance, from a part of a record that excites it."""
+"""Lowest resonance, from a part of a record that excites it."""
 
 import math
 from dataclasses import dataclass
@@ -9,27 +9,27 @@ from scipy.optimize import least_squares
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.stage_modes import StageModes
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.measurement import without_history
-from flexstage.hysteresis.identification.record_section import RecordSection
 
-#: Content of the input counts as excitation of a resonance above this many times the fastest cycle.
+#: Lowest frequency of an excitation of a resonance, over the rate of the fastest cycle.
 _ABOVE = 5.0
-#: Bins of the spectrum are used where input and output belong together to this degree.
+#: Smallest coherence of input and output in the bins of the spectrum that are used.
 _COHERENCE = 0.9
 _FEWEST_BINS = 12
-#: The mode is believed where it takes this share of the misfit of a plain gain with delay away.
-_WORTH = 0.75
+#: Smallest reduction by a mode of the squared residual of a plain gain with delay.
+_REDUCTION = 0.75
 _LARGEST_DAMPING = 0.3
-#: A frequency whose standard error is a larger share of it is none.
-_VAGUE = 0.01
+#: Largest relative standard error of the frequency.
+_LARGEST_ERROR = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resonance:
-    """A mode in the output, and the delay beside it."""
+    """Mode in the output, and its delay."""
 
     frequency_hz: float = 0.0
-    """Its natural frequency [Hz]; 0 where there is a delay alone."""
+    """Its natural frequency [Hz]; 0 for a delay alone."""
     damping_ratio: float = 0.0
     """Its damping ratio [1]."""
     frequency_error_hz: float = math.inf
@@ -39,22 +39,22 @@ class Resonance:
     delay_error: float = 0.0
     """Its standard error [s]."""
     share: float = 1.0
-    """Part of the motion that goes through the mode; the rest follows at once [1]."""
+    """Share of the motion through the mode; the rest follows without delay [1]."""
     unexplained_hz: float = 0.0
-    """Frequency of a ringing that is not that of one mode [Hz]; 0 for none."""
+    """Frequency of ringing that is not one mode [Hz]; 0 for none."""
 
 
 def find_resonance(section: RecordSection) -> Resonance | None:
-    r"""Find the lowest resonance of an output where its input holds content that shows it.
+    r"""Find the lowest resonance of an output whose input excites it.
 
-    A small multisine or chirp about the resonance moves no memory: to it the hysteresis is a gain.
-    The ratio of cross to own spectrum (Welch 1967) is fitted by
+    For a small multisine or chirp about the resonance, the hysteresis is a gain. The ratio of cross
+    to power spectrum (Welch 1967) is fitted by
 
     .. math:: H = g\, e^{-i\omega t_d} \left(1 - c
               + \frac{c\,\omega_0^2}{\omega_0^2 - \omega^2 + 2 i \zeta \omega_0 \omega}\right)
 
-    and the result is where the same mode is fitted to the samples themselves, which windows of the
-    spectrum do not blunt. None where the record has no such content, or shows no mode.
+    and then the same mode to the samples, which avoids the leakage of spectral windows. None if the
+    record has no such content, or shows no mode.
     """
     section = without_history(section)
     rate = 1.0 / section.dt
@@ -63,31 +63,31 @@ def find_resonance(section: RecordSection) -> Resonance | None:
     if low > 0.4 * rate:
         return None
     part = _excited(section, low)
-    return None if part is None else _seen_in(section, part, low)
+    return None if part is None else _excited_mode(section, part, low)
 
 
-def _seen_in(section: RecordSection, part: slice, low: float) -> Resonance | None:
+def _excited_mode(section: RecordSection, part: slice, low: float) -> Resonance | None:
     f, H, weight = _response(section.u[part], section.y[part], 1.0 / section.dt, low)
     if f.size < _FEWEST_BINS:
         return None
     rough = _fit(f, H, weight)
     if rough is None:
         return None
-    found = _refined(section, part, low, rough)
-    # a hump that is as wide as it may be, or stands anywhere, is the shape of something else
-    sharp = found.damping_ratio < 0.9 * _LARGEST_DAMPING
-    inside = found.delay < 0.99 * _longest_delay(low)
-    placed = found.frequency_error_hz < _VAGUE * found.frequency_hz
-    return found if sharp and placed and inside else None
+    mode = _refined(section, part, low, rough)
+    # a peak of the largest damping, or of uncertain frequency, is no resonance
+    sharp = mode.damping_ratio < 0.9 * _LARGEST_DAMPING
+    inside = mode.delay < 0.99 * _longest_delay(low)
+    placed = mode.frequency_error_hz < _LARGEST_ERROR * mode.frequency_hz
+    return mode if sharp and placed and inside else None
 
 
 def _longest_delay(low: float) -> float:
-    """Longest delay that is looked for [s], where content begins at a frequency [Hz]."""
+    """Largest delay [s], for content above a frequency [Hz]."""
     return 0.1 / low
 
 
 def _refined(section: RecordSection, part: slice, low: float, rough: Resonance) -> Resonance:
-    """Fit the mode to the samples of the part, both sides without what is slow."""
+    """Fit the mode to the samples of the part, with slow motion removed from input and output."""
     dt = section.dt
     margin = int(3.0 / (low * dt))
     start, stop = max(part.start - margin, 0), min(part.stop + margin, section.u.size)
@@ -97,42 +97,42 @@ def _refined(section: RecordSection, part: slice, low: float, rough: Resonance) 
 
     def left(p: Array) -> Array:
         stage = StageModes(frequency_hz=(p[0],), damping_ratio=(p[1],), share=(p[2],))
-        moved = stage.simulate(u, dt).values
-        moved = np.interp(at - p[3] / dt, at, moved)[inside]
-        wanted = y[inside]
-        gain = float(moved @ wanted) / max(float(moved @ moved), 1e-300)
-        return (wanted - gain * moved) / max(float(np.std(wanted)), 1e-300)
+        shifted = stage.simulate(u, dt).values
+        shifted = np.interp(at - p[3] / dt, at, shifted)[inside]
+        target = y[inside]
+        gain = float(shifted @ target) / max(float(shifted @ shifted), 1e-300)
+        return (target - gain * shifted) / max(float(np.std(target)), 1e-300)
 
     begin = np.array([rough.frequency_hz, rough.damping_ratio, 0.98, 0.5 * dt])
     least = np.array([0.7 * begin[0], 1e-4, 0.02, 0.0])
     most = np.array([1.3 * begin[0], _LARGEST_DAMPING, 1.0, _longest_delay(low)])
-    found = least_squares(
+    fit = least_squares(
         left,
         np.clip(begin, least + 1e-6 * (most - least), most - 1e-6 * (most - least)),
         bounds=(least, most),
         x_scale=[begin[0], 0.02, 1.0, dt],
         diff_step=1e-6,
     )
-    J, cost = found.jac, 2.0 * found.cost / max(found.fun.size - 5, 1)
+    J, cost = fit.jac, 2.0 * fit.cost / max(fit.fun.size - 5, 1)
     scale = np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300)
     variance = np.diag(np.linalg.pinv((J / scale).T @ (J / scale))) * cost
     error = np.sqrt(np.maximum(variance, 0.0)) / scale
     return Resonance(
-        frequency_hz=float(found.x[0]),
-        damping_ratio=float(found.x[1]),
+        frequency_hz=float(fit.x[0]),
+        damping_ratio=float(fit.x[1]),
         frequency_error_hz=float(error[0]),
-        delay=float(found.x[3]),
+        delay=float(fit.x[3]),
         delay_error=float(error[3]),
     )
 
 
 def _excited(section: RecordSection, low: float) -> slice | None:
-    """The part of a record in which the input moves quickly and little."""
+    """Part of a record with fast, small motion of the input."""
     quick = np.abs(_without_slow(section.u, low * section.dt))
     width = max(1, int(4.0 / (low * section.dt)))
     envelope = np.convolve(quick, np.ones(width) / width, mode="same")
     span = float(np.ptp(section.u))
-    # corners of a triangle are quick as well, but only for a moment
+    # corners of a triangle are fast as well, but short
     inside = envelope > max(0.3 * float(envelope.max()), 1e-5 * span)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], inside.astype(np.int8), [0]))))
     runs = edges.reshape(-1, 2)
@@ -145,10 +145,10 @@ def _excited(section: RecordSection, low: float) -> slice | None:
 
 
 def _without_slow(values: Array, low: float) -> Array:
-    """What lies above a frequency [per sample]: a Butterworth filter of order four, both ways."""
+    """High-pass filter at a frequency [per sample]: Butterworth of order four, both ways."""
     n = values.size - 1
     straight = values - np.linspace(values[0], values[-1], n + 1)
-    # turned about its ends the rest repeats itself
+    # reflected at its ends, the remainder is periodic
     content = np.fft.rfft(np.concatenate((straight[:-1], -straight[:0:-1])))
     f = np.tan(0.5 * np.pi * np.arange(n + 1) / n) / np.tan(np.pi * low)
     return np.fft.irfft(content * (f**8 / (1.0 + f**8)), 2 * n)[: n + 1]
@@ -159,14 +159,14 @@ def _response(u: Array, y: Array, rate: float, low: float) -> tuple[Array, NDArr
 
     length = int(min(u.size // 4, max(256, 2 ** int(np.log2(12.0 * rate / low)))))
     settings = {"fs": rate, "nperseg": length, "detrend": "linear"}
-    f, own = welch(u, **settings)
-    _, other = welch(y, **settings)
+    f, input_power = welch(u, **settings)
+    _, output_power = welch(y, **settings)
     _, cross = csd(u, y, **settings)
-    coherence = np.abs(cross) ** 2 / np.maximum(own * other, 1e-300)
-    used = (f > low) & (coherence > _COHERENCE) & (own > 1e-4 * own[f > low].max())
+    coherence = np.abs(cross) ** 2 / np.maximum(input_power * output_power, 1e-300)
+    used = (f > low) & (coherence > _COHERENCE) & (input_power > 1e-4 * input_power[f > low].max())
     # the variance of a ratio of spectra at a given coherence (Bendat and Piersol 2010)
     spread = np.sqrt(np.maximum(1.0 - coherence[used], 1e-6) / coherence[used])
-    return f[used], cross[used] / own[used], 1.0 / spread
+    return f[used], cross[used] / input_power[used], 1.0 / spread
 
 
 def _fit(f: Array, H: NDArray, weight: Array) -> Resonance | None:
@@ -186,13 +186,13 @@ def _fit(f: Array, H: NDArray, weight: Array) -> Resonance | None:
     starts = [np.array([0.5, 0.0, at, 0.02, 1.0]) for at in (peak, 1.02 * peak, 0.97 * peak)]
     bounds = ([1e-3, -1.0, f[0] * 0.7, 1e-4, 0.02], [1e3, 20.0, f[-1] * 1.3, _LARGEST_DAMPING, 1.0])
     scale = [1.0, 1.0, peak, 0.02, 1.0]
-    found = [least_squares(left, s, bounds=bounds, x_scale=scale) for s in starts]
-    best = min(found, key=lambda r: r.cost)
+    fits = [least_squares(left, s, bounds=bounds, x_scale=scale) for s in starts]
+    best = min(fits, key=lambda r: r.cost)
     plain = least_squares(
         lambda q: left(np.array([q[0], q[1], peak, 0.1, 0.0]), share=False), [1.0, 0.0]
     )
     at, damping = float(best.x[2]), float(best.x[3])
-    if best.cost > (1.0 - _WORTH) * plain.cost or not f[0] < at < f[-1]:
+    if best.cost > (1.0 - _REDUCTION) * plain.cost or not f[0] < at < f[-1]:
         return None
     J = best.jac
     variance = np.linalg.pinv(J.T @ J) * 2.0 * best.cost / max(2 * f.size - 5, 1)

@@ -1,4 +1,4 @@
-"""What an identification found: a model of the drive with its errors and its warnings."""
+"""Result of an identification: a model of the drive with its errors and warnings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,11 +10,12 @@ from flexstage.base.arrays import Array
 from flexstage.base.short_repr import short_repr
 from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
-from flexstage.hysteresis.drive_model import DriveModel, Start, parameter_unit, start_data
+from flexstage.hysteresis.chain.creep import Start
+from flexstage.hysteresis.drive_model import DriveModel, parameter_unit, start_data
 from flexstage.hysteresis.identification.measurement import IdentificationData
-from flexstage.hysteresis.identification.misfit import ParameterEstimate
 from flexstage.hysteresis.identification.model_choice import Candidate
-from flexstage.hysteresis.identification.verdict import Verdict
+from flexstage.hysteresis.identification.quality_report import QualityReport
+from flexstage.hysteresis.identification.residuals import ParameterEstimate
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.prediction import Prediction
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification(Result):
-    """A model of a drive, and how far it can be trusted."""
+    """Identified model of a drive, with its errors."""
 
     table_key: ClassVar[str] = "candidates"
 
@@ -32,7 +33,7 @@ class Identification(Result):
     """Name of the hysteresis model."""
     rms_percent: float
     """Root mean square of output less prediction where it was fitted, over the stroke [%]. The
-    prediction is that of the model as it is kept, with its one offset.
+    prediction is that of the final model, with its one offset.
     """
     max_percent: float
     """Largest absolute value of that [%]."""
@@ -42,8 +43,8 @@ class Identification(Result):
     heldout_free_rms_percent: float | None
     """Root mean square there where the constant is fitted again [%]."""
     heldout_standard_error: float | None
-    """Standard error of what another stretch of such cycles will show, by how stretches differ that
-    were held out as a whole [%]; None where there are fewer than two.
+    """Standard error of the rms of further cycles, by the scatter between held-out stretches of
+    cycles [%]; None where there are fewer than two.
     """
     heldout_max_percent: float | None
     """Largest absolute value of the prediction's error there [%]."""
@@ -54,45 +55,45 @@ class Identification(Result):
     noise_percent: float
     """Estimated noise of the output, over the stroke [%]."""
     parameters: tuple[ParameterEstimate, ...]
-    """Parameters that mean something by themselves, with standard errors."""
+    """Individually identifiable parameters, with standard errors."""
     chain: tuple[ParameterEstimate, ...]
-    """Values of the linear chain that were found, with standard errors."""
+    """Identified values of the linear chain, with standard errors."""
     offset: ParameterEstimate
-    """The reading at no command without history, with its standard error."""
+    """Reading at zero command without history, with its standard error."""
     settling: float
-    """Largest change of the readings by whether the drive rested or moved before the records, in
-    the unit of the output: creep of what was before.
+    """Largest change of the readings by creep from motion before the records, in the unit of the
+    output.
     """
     starts: tuple[Start, ...]
-    """What the drive may have done before the first record, as far as that tells; the model begins
-    with one of them.
+    """Possible histories of the drive before the first record that fit equally well; the model has
+    one of them.
     """
     warnings: tuple[str, ...]
-    """What the records cannot tell, and which experiment is missing."""
+    """Quantities that the records do not determine, and missing experiments."""
     candidates: tuple[Candidate, ...]
-    """All models that were tried, the chosen one first."""
+    """All candidate models, the selected one first."""
     measurement: IdentificationData
-    """What it was identified from. Of records of more than 40 000 samples it holds the means of
-    neighbours, as far as these follow the motion.
+    """Measured data. Records of more than 40 000 samples are averaged over neighbouring samples,
+    as far as the means follow the motion.
     """
     predicted: tuple[Array, ...]
-    """Output of the model beside each section, as it is kept, shape (n,)."""
-    verdict: Verdict
-    """Whether the model explains the records, and what in them is not the motion of a drive."""
+    """Output of the final model for each section, shape (n,)."""
+    quality: QualityReport
+    """Assessment of the model, and faults of the records."""
     settings: Mapping[str, str] = field(default_factory=dict)
     """Choices that change the result."""
 
     records: tuple[str, ...] = ()
     """Names of the records."""
     notes: tuple[str, ...] = ()
-    """What was understood of them."""
+    """Assumptions about their columns."""
     tested: "tuple[Prediction, ...]" = ()
-    """The model on other records, where it was tested on some."""
+    """Predictions of other records, if it was tested on some."""
 
     __repr__ = short_repr
 
     def data(self) -> dict[str, Any]:
-        said = {
+        data = {
             **picked(
                 self,
                 "records",
@@ -121,14 +122,18 @@ class Identification(Result):
                 }
                 for c in self.candidates
             ],
-            **picked(self, "verdict", "warnings", "notes"),
+            **picked(self, "quality", "warnings", "notes"),
         }
-        return said | {"test": [one.data() for one in self.tested]} if self.tested else said
+        return (
+            data | {"test": [prediction.data() for prediction in self.tested]}
+            if self.tested
+            else data
+        )
 
     def parameter_rows(self) -> dict[str, Any]:
         """Value, standard error and unit of each parameter; arrays of them for arrays."""
         m = self.model
-        made: dict[str, Any] = {}
+        rows: dict[str, Any] = {}
         for name, value in m.hysteresis.parameters().items():
             array = np.asarray(value, dtype=np.float64)
             error = np.full(array.shape, np.nan)
@@ -137,12 +142,12 @@ class Identification(Result):
                 if base == name:
                     place = tuple(int(i) for i in index.rstrip("]").split(",")) if index else ()
                     error[place] = estimate.standard_error
-            made[name] = {
+            rows[name] = {
                 "value": array.tolist(),
                 "standard_error": None if np.isnan(error).all() else plain(error),
                 "unit": parameter_unit(self.kind, name, m.input_unit, m.output_unit),
             }
-        return made
+        return rows
 
     def chain_rows(self) -> dict[str, Any]:
         """Value, standard error and unit of delay, creep, resonance and offset."""

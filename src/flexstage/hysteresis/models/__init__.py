@@ -1,1 +1,1 @@
-"""The hysteresis models, one folder each, by name in `registry`; beside them what they share."""
+"""Hysteresis models, one folder each, by name in `registry`, and their common code."""

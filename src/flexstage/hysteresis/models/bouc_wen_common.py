@@ -1,4 +1,4 @@
-"""What the models of the Bouc-Wen family share: checks, conditions, code, runs of exponent 1."""
+"""Common parts of the Bouc-Wen family: checks, conditions, code, runs of exponent 1."""
 
 import math
 from abc import abstractmethod
@@ -30,7 +30,7 @@ from flexstage.hysteresis.models.bouc_wen_steps import (
 from flexstage.hysteresis.models.power_law import decayed, distance_to_zero, saturating
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
 
-#: What is said of the parameters in C.
+#: Descriptions of the parameters in C.
 _DESCRIPTIONS = {
     "gain": "gain of the straight part",
     "quadratic": "factor of the square of the voltage",
@@ -43,7 +43,7 @@ _DESCRIPTIONS = {
 
 
 class BoucWenModel(HysteresisModel):
-    """A polynomial of the input less a displacement h that has hysteresis by a law like Bouc-Wen's.
+    """A polynomial of the input less a hysteretic displacement h by a law of the Bouc-Wen kind.
 
     A state is the last input and h.
     """
@@ -111,10 +111,7 @@ class BoucWenModel(HysteresisModel):
         return Response(values=values, state=self._state_after(values[-1], h), missed=missed)
 
     def _state_after(self, u: float, h: float) -> Array:
-        """Return the state after the last sample.
-
-        A ModelError where h has run away.
-        """
+        """Return the state after the last sample; a ModelError if h is not finite."""
         if not math.isfinite(h):
             raise ModelError(
                 f"the hysteretic displacement of {self.title} grew without limit for this input: "
@@ -123,7 +120,7 @@ class BoucWenModel(HysteresisModel):
         return np.array([u, h])
 
     def _check(self, numbers: Mapping[str, Any], *above_zero: str) -> None:
-        """Refuse parameters that are not finite, or not above zero where they must be."""
+        """Refuse parameters that are not finite, or not positive where they must be."""
         for name, value in numbers.items():
             kind = "positive and finite" if name in above_zero else "finite"
             checked(value, f"{name} of {self.title}", kind)
@@ -167,7 +164,7 @@ def classical_properties(
         holds=passive,
         detail=(
             f"|gamma| <= beta: {abs(gamma):.6g} and {beta:.6g}; "
-            f"{'no' if passive else 'some'} motion gives energy out of nothing"
+            f"{'no' if passive else 'some'} motion generates energy"
         ),
     )
     steepest = A * max(1.0, 2.0 * beta / total) if holds else math.inf
@@ -186,8 +183,8 @@ def bouc_wen_c_code(model: BoucWenModel, names: tuple[str, ...], pieces: int) ->
     for k, name in enumerate(names):
         shape = name.startswith("shape")
         what = f"parameter b{name[6:-1]} of the shape function" if shape else _DESCRIPTIONS[name]
-        given = unit if shape or name in {"beta", "gamma"} else ""
-        tunable.append(tunable_of(model, name, k, what, given))
+        symbol_unit = unit if shape or name in {"beta", "gamma"} else ""
+        tunable.append(tunable_of(model, name, k, what, symbol_unit))
     numbers = [parameter.value for parameter in tunable]
     tunable.append(tunable_of(model, "exponent", None, "how sharply the loop saturates"))
     return code_of(model, [*numbers, n], tunable, pieces)

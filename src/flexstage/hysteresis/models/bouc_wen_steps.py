@@ -58,7 +58,7 @@ def _one_side(h: float, s: float, v: float, upper: bool, law: Array) -> float:
 def advance(h: float, u: float, du: float, law: Array) -> float:
     """Return the hysteretic displacement after one straight line of the input.
 
-    Law of `law_of`; not finite where h has run away.
+    Law of `law_of`; not finite if h grows without limit.
     """
     if du == 0.0:
         return h
@@ -99,8 +99,8 @@ def inverse_samples(
     """Write the input that gives each output.
 
     Limits are lowest and highest input, and the least slope of the cubic between them; psi must not
-    be below zero where h is loaded. Returned: number of samples done, less than all where the
-    output does not rise with the input; the last h; and the first sample that is not reached within
+    be below zero where h is loaded. Returned: number of inverted samples, less than all if
+    the output does not rise with the input; the last h; and the first sample out of reach within
     the limits, at which the input stops, or -1.
     """
     unloading, missed = min(law[4], law[5], law[8], law[9]), -1
@@ -143,14 +143,14 @@ def _inverse_step(
     limited = high > room
     high = min(high, room)
     v = high if limited else min(high, target / _slope(0.0, h, u, s, cubic, law))
-    found = False
+    converged = False
     count = 0
     while True:
         end = u + s * v
         # The hysteresis sees the rounded input; so does the last evaluation.
         after = advance(h, u, end - u, law)
         count += 1
-        if found or count > ITERATIONS:
+        if converged or count > ITERATIONS:
             return end, after
         # Divided differences of the powers: no cancellation.
         secant = cubic[0] + cubic[1] * (u + end) + cubic[2] * (u * u + u * end + end * end)
@@ -167,7 +167,7 @@ def _inverse_step(
         if not low <= v - correction <= high:
             correction = v - 0.5 * (low + high)
         v -= correction
-        found = abs(correction) <= ROUNDING * (abs(u) + v)
+        converged = abs(correction) <= ROUNDING * (abs(u) + v)
 
 
 @compiled
@@ -251,8 +251,8 @@ def _piece(
 ) -> None:
     """Write one piece, g = g0 + G (1 - exp(-x s))/x, with s in samples.
 
-    Where x is small, g0 and the limit g0 + G/x would cancel. A larger rate with a slope beside it
-    then follows the piece as closely, by its first two derivatives: the third differs by less than
+    Where x is small, g0 and the limit g0 + G/x would cancel. A larger rate and a
+    slope then approximate the piece by its first two derivatives: the third differs by less than
     1e-5 x G, which is below the rounding of the limit.
     """
     x = rate * v

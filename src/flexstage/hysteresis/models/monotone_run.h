@@ -20,7 +20,7 @@ static inline fs_real fs_run_output(fs_real u, fs_real origin, fs_real s, fs_rea
     return gain * u - s * fs_saturating(g, A, rate, v);
 }
 
-/* The output at u1; memory, the input and h, moves there. */
+/* The output at u1; memory, the input and h, is updated. */
 static inline fs_real fs_run_move(fs_real gain, fs_real A, fs_real beta, fs_real gamma,
                                   fs_real *memory, fs_real u1)
 {

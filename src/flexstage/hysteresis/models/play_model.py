@@ -1,4 +1,4 @@
-"""What models that sum functions of plays have in common."""
+"""Common parts of models that are sums of functions of plays."""
 
 from abc import abstractmethod
 from collections.abc import Iterable
@@ -17,10 +17,10 @@ from flexstage.hysteresis.model import (
     samples,
 )
 from flexstage.hysteresis.models import play_sum
-from flexstage.hysteresis.models.play import play_state
+from flexstage.hysteresis.models.play_sum import play_state
 from flexstage.hysteresis.models.source_code import MatlabCode, TunableParameter, tunable_of
 
-#: What is said of a threshold and of a list of them.
+#: Descriptions of a threshold and of a list of thresholds.
 THRESHOLD = "half the gap of a play"
 _THRESHOLDS = "half the gap of each play [unit of u]"
 #: Gain, thresholds, knots, slopes and offsets of a sum of functions of plays.
@@ -37,7 +37,7 @@ class PlayModel(HysteresisModel):
 
     @abstractmethod
     def play_terms(self) -> Sum:
-        """Return the output as a sum of functions of plays, as kernels and code take it.
+        """Return the output as a sum of functions of plays, for kernels and code.
 
         Returns
         -------
@@ -55,25 +55,25 @@ class PlayModel(HysteresisModel):
         return Response(values=y, state=after)
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        # where the output stands still over a range of inputs, the input stops at its near end
+        # where the output is constant over a range of inputs, the input stops at its near end
         hint = "its outermost slopes are zero; stay within its outputs"
         return self._reaching(y, state, f"of this {self.kind} model", hint)
 
     def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
         after = self._state(state)
-        wanted = samples(y, "output")
+        outputs = samples(y, "output")
         if self._least_slope() < 0.0:
             raise ModelError(
                 f"this {self.kind} model has no inverse, since its slope can be "
                 f"{self._least_slope():g}: identify it with weights that are not negative"
             )
-        u, missed = play_sum.invert(wanted, *self.play_terms(), after)
+        u, missed = play_sum.invert(outputs, *self.play_terms(), after)
         return Response(values=u, state=after, missed=missed)
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
-        given = sampled(u)
-        first = self.simulate(given[:1], state)
-        return segments_of(given, self.play_terms(), first.state, backward=False)
+        inputs = sampled(u)
+        first = self.simulate(inputs[:1], state)
+        return segments_of(inputs, self.play_terms(), first.state, backward=False)
 
     def properties(self) -> tuple[ModelProperty, ...]:
         # The energy of a closed cycle, integral u dy, is that of the plays, sum of r_i integral
@@ -110,8 +110,8 @@ class PlayModel(HysteresisModel):
         return least_slope(gain, thresholds, slopes)
 
     def _state(self, state: ArrayLike | None) -> Array:
-        given = super()._state(state)
-        return given if state is None else play_state(given, self.play_terms()[1])
+        checked_copy = super()._state(state)
+        return checked_copy if state is None else play_state(checked_copy, self.play_terms()[1])
 
 
 def terms(gain: float, thresholds: Array, knots: Array, slopes: Array) -> Sum:

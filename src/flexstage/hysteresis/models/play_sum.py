@@ -14,15 +14,83 @@ A sum of one-sided dead zones is another form of one such function.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.models.play import Indices, fixed, rising
+from flexstage.hysteresis.model import Array, fixed, rising
+
+Indices = NDArray[np.int64]
+
+#: Relative error of a reachable state of plays.
+STATE_ROUNDING = 1e-9
 
 #: Some units in the last digit, as a part of a number.
 ROUNDING = 1e-15
+
+
+def play_columns(u: ArrayLike, thresholds: ArrayLike) -> Array:
+    """Return the outputs of plays with one input and many thresholds.
+
+    A play with threshold r follows its input like a slider with a gap of r to each side:
+    ``p = max(u - r, min(u + r, p before))`` for a monotone input (Krasnosel'skii and Pokrovskii
+    1983; Brokate and Sprekels 1996, section 2.1).
+
+    Thresholds [V] are not negative and rise, shape (m,). Outputs are zero before the first sample,
+    and have the shape (n, m).
+
+    Notes
+    -----
+    Validity: every input that is monotone between samples; no rounding beyond one subtraction.
+
+    Examples
+    --------
+    >>> play_columns([3.0, 1.0, 4.0], [0.5, 2.0])
+    array([[2.5, 1. ],
+           [1.5, 1. ],
+           [3.5, 2. ]])
+    """
+    r = np.array(thresholds, dtype=np.float64)
+    return _columns(np.ascontiguousarray(u, dtype=np.float64), r)
+
+
+def play_state(state: Array, thresholds: Array) -> Array:
+    """Return a state of plays after checking that an input can lead to it.
+
+    Two plays with thresholds r and s on one input are never more than ``|r - s|`` apart, and the
+    input itself is the play with threshold zero. So plays start to move in the order of their
+    thresholds, on which the stepping relies. State: last input and outputs of the plays [V], shape
+    (m + 1,).
+    """
+    if state.shape != (thresholds.size + 1,) or not np.all(np.isfinite(state)):
+        raise ModelError(
+            f"a state of {thresholds.size} plays is {thresholds.size + 1} finite numbers, "
+            f"got shape {state.shape}: give the last input, then the plays"
+        )
+    gap = np.diff(thresholds, prepend=0.0)
+    excess = np.abs(np.diff(state)) - gap
+    allowed = STATE_ROUNDING * max(float(np.max(np.abs(state))), float(thresholds[-1]))
+    if np.max(excess) > allowed:
+        i = int(np.argmax(excess))
+        raise ModelError(
+            f"no input leads to this state: numbers {i} and {i + 1} of it are "
+            f"{abs(state[i + 1] - state[i]):g} apart, and their thresholds allow {gap[i]:g}; "
+            f"take a state from a simulation"
+        )
+    return state
+
+
+@compiled
+def _columns(u: Array, thresholds: Array) -> Array:
+    """Return the plays for every sample, shape (n, m)."""
+    count = thresholds.size
+    out = np.empty((u.size, count))
+    p = np.zeros(count)
+    for n in range(u.size):
+        for i in range(count):
+            p[i] = max(u[n] - thresholds[i], min(u[n] + thresholds[i], p[i]))
+            out[n, i] = p[i]
+    return out
 
 
 @compiled
@@ -270,24 +338,24 @@ class PiecewiseLinear:
     """A continuous, piecewise-linear function that is zero at zero."""
 
     knots: Array
-    """Where the slope changes, rising, shape (c,)."""
+    """Places of changes of the slope, rising, shape (c,)."""
     slopes: Array
     """Slopes below, between and above the knots, shape (c + 1,)."""
 
     def at(self, x: ArrayLike) -> Array:
         """Return the function."""
-        given = np.asarray(x, dtype=np.float64)
-        j = np.searchsorted(self.knots, given)
-        return self.offsets()[j] + self.slopes[j] * given
+        inputs = np.asarray(x, dtype=np.float64)
+        j = np.searchsorted(self.knots, inputs)
+        return self.offsets()[j] + self.slopes[j] * inputs
 
     def offsets(self) -> Array:
-        """Return the values at zero of the straight lines that it is made of, shape (c + 1,)."""
+        """Return the values at zero of its straight lines, shape (c + 1,)."""
         return offsets_of(np.array(self.knots), self.slopes[None, :].copy())[0]
 
     def inverse(self) -> "PiecewiseLinear":
-        """Return the inverse, again such a line; its knots are the values at the knots.
+        """Return the inverse, a piecewise-linear function as well.
 
-        A ModelError where a slope is not positive.
+        A ModelError if a slope is not positive.
         """
         if np.min(self.slopes) <= 0.0:
             raise ModelError(

@@ -104,7 +104,7 @@ static inline int fs_plays_moved(const fs_plays *plays, const fs_real *p, fs_rea
     return moved;
 }
 
-/* The sum at x; memory, the last input and the plays, moves there. */
+/* The sum at x; memory, the last input and the plays, is updated. */
 static inline fs_real fs_plays_move(const fs_plays *plays, fs_real *memory, fs_real x)
 {
     fs_real *p = memory + 1, sum = FS_R(0.0);
@@ -169,7 +169,7 @@ static inline void fs_walk_turn(fs_walk *walk, const fs_plays *plays, const fs_r
 }
 
 /* The slope of the piece here, and its end: where a moving play passes a knot or the next play
- * starts to move; cause is that play, -1 where the slope stays for ever. */
+ * starts to move; cause is that play, -1 if the slope no longer changes. */
 static inline void fs_walk_look(fs_walk *walk, const fs_plays *plays, const fs_real *p)
 {
     fs_real end = (fs_real)INFINITY;
@@ -240,8 +240,8 @@ static inline fs_real fs_plays_invert(const fs_plays *plays, fs_real *p, fs_real
 }
 
 /* The straight pieces between two values of the input, or of the sum where backward (then those of
- * the input, and every slope must be above zero). The plays move to the input at the end, *x. The
- * number of pieces; -1, and nothing moves, where there is no room. */
+ * the input, and every slope must be above zero). The plays move to the input at the end, *x.
+ * Returns the number of pieces; -1, with nothing moved, if the room is too small. */
 static inline int fs_plays_pieces(const fs_plays *plays, fs_real *p, fs_real *x, fs_real from,
                                   fs_real to, int backward, fs_piece *pieces, int room)
 {

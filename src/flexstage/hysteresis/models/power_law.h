@@ -65,7 +65,7 @@ static inline fs_real fs_power_scale(fs_real A, fs_real rate, fs_real n)
 }
 
 /* g >= 0 after a distance v (below zero: followed back, at most to g = 0) for n of 1 or 2;
- * infinite where it has run away before. */
+ * infinite if it diverges before. */
 static inline fs_real fs_power_flow(fs_real g, fs_real v, fs_real A, fs_real rate, fs_real n)
 {
     fs_real G;
@@ -163,7 +163,7 @@ static inline fs_real fs_power_from_zero(fs_real s, fs_real w, fs_real *v, fs_re
 }
 
 /* g after a distance v, with psi of unloading where g is below zero and of loading where it is not;
- * infinite where it has run away before. */
+ * infinite if it diverges before. */
 static inline fs_real fs_power_moved(fs_real g, fs_real v, fs_real A, fs_real unloaded,
                                      fs_real loaded, fs_real n)
 {

@@ -1,6 +1,6 @@
 /* Numbers of the model: double precision, or single where FS_SINGLE is defined.
  *
- * Expressions stand as they are written: compile without contraction of products and sums
+ * Keep the order of operations: compile without contraction of products and sums
  * (-ffp-contract=off) and without fast mathematics where results must equal those of flexstage.
  */
 #ifndef FS_REAL_H

@@ -1,11 +1,10 @@
 # ruff: noqa: F401
-"""The hysteresis models, one line each, and their code in C and MATLAB.
+"""Registry of the hysteresis models, one line each, and their code in C and MATLAB.
 
-Whatever takes a model by its name finds it here. The folder of a model is called like it. It holds
-``law.py`` with the class that the line names and with what C and MATLAB take of it (`c_code`,
-`matlab_code`), ``fit.py`` with the class of that name and ``Fit`` after it, the header for C, the
-function of MATLAB, and test vectors. One from elsewhere is added by ``MODELS[Law.kind] = Law``; all
-that there is of it stands in the module of the law.
+Models are found by name here. The folder of a model has its name. It contains ``law.py`` with the
+class named here and its code (`c_code`, `matlab_code`), ``fit.py`` with the class of that name and
+``Fit`` after it, the header for C, the function for MATLAB, and test vectors. Add a model from
+elsewhere by ``MODELS[Law.kind] = Law``; all its parts are in the module of the law.
 """
 
 import sys
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class _Models(MutableMapping[str, type[HysteresisModel]]):
-    """Classes by the names of the models, each imported when it is asked for."""
+    """Classes by names of the models, imported on first use."""
 
     def __init__(self) -> None:
         self._classes: dict[str, str | type[HysteresisModel]] = {
@@ -65,18 +64,18 @@ MODELS = _Models()
 
 def part(kind: str, name: str) -> ModuleType:
     """Return a module of the folder of a model: ``law`` or ``fit``."""
-    own = MODELS._classes[kind]
-    if not isinstance(own, str):
-        return sys.modules[own.__module__]
+    law = MODELS._classes[kind]
+    if not isinstance(law, str):
+        return sys.modules[law.__module__]
     return import_module(f"flexstage.hysteresis.models.{kind.replace('-', '_')}.{name}")
 
 
-def _written(model: HysteresisModel, name: str) -> bool:
+def _has_code(model: HysteresisModel, name: str) -> bool:
     return model.kind in MODELS and hasattr(part(model.kind, "law"), name)
 
 
 def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
-    """Return what C needs to compute a hysteresis model from volts to metres.
+    """Return the code in C of a hysteresis model from volts to metres.
 
     Notes
     -----
@@ -98,9 +97,9 @@ def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
     >>> [f"{p.name} [{p.unit}] = p[{p.index}]" for p in code.tunable][:2]
     ['gain [m/V] = p[0]', 'hysteresis_gain [m/V] = p[1]']
     """
-    if not _written(model, "c_code"):
+    if not _has_code(model, "c_code"):
         raise ModelError(
-            f"there is no C for hysteresis of the kind '{model.kind}': take one of "
+            f"there is no C code for hysteresis of the kind '{model.kind}': use one of "
             f"{', '.join(MODELS)}"
         )
     code: HysteresisCode = part(model.kind, "law").c_code(model)
@@ -108,11 +107,11 @@ def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
 
 
 def matlab_code(model: HysteresisModel) -> MatlabCode:
-    """Return what MATLAB needs to compute a hysteresis model."""
-    if not _written(model, "matlab_code"):
+    """Return the code in MATLAB of a hysteresis model."""
+    if not _has_code(model, "matlab_code"):
         raise ModelError(
-            f"a {model.kind} model is not written for Simulink: identify the record with one of "
-            f"{', '.join(sorted(MODELS))}"
+            f"there is no Simulink code for the model '{model.kind}': identify the record with "
+            f"one of {', '.join(sorted(MODELS))}"
         )
     code: MatlabCode = part(model.kind, "law").matlab_code(model)
     return code

@@ -56,7 +56,7 @@ static inline fs_real fs_law_one_side(const fs_law *law, fs_real h, fs_real s, f
     return s * fs_power_moved(s * h, v, law->A, law->psi[at], law->psi[at + 2], law->n);
 }
 
-/* h after the input has gone from u by du; not finite where it has run away. */
+/* h after the input has gone from u by du; not finite if it grows without limit. */
 static inline fs_real fs_law_advance(const fs_law *law, fs_real h, fs_real u, fs_real du)
 {
     fs_real s, v, until, stretch;
@@ -130,8 +130,8 @@ static inline fs_real fs_value_at_end(const fs_piece *pieces, int count)
 }
 
 /* The pieces of gain u - h along the line from memory[0] to u1, for exponent 1: at most two, or four
- * where the line passes the centre; so much room is asked for. memory is the input and h; it stays
- * where -1 is returned. */
+ * where the line passes the centre; as much room is needed. memory is the input and h, unchanged if
+ * -1 is returned. */
 static inline int fs_law_line(const fs_law *law, fs_real gain, fs_real *memory, fs_real u1,
                               fs_piece *pieces, int room, fs_real *value)
 {

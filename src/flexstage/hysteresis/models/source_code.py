@@ -1,4 +1,4 @@
-"""A hysteresis model for other programs: what C takes of it, and what MATLAB."""
+"""Code of a hysteresis model for other programs, in C and MATLAB."""
 
 import functools
 import re
@@ -17,30 +17,30 @@ _INCLUDE = re.compile(r'^#include "([\w.]+)"', re.MULTILINE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TunableParameter:
-    """A parameter of a hysteresis model, and where it stands in C."""
+    """Parameter of a hysteresis model in C."""
 
     name: str
     """Its name; an element of a list is ``weights[3]``, counted from 0."""
     unit: str
     """Unit, of a model from volts to metres."""
     index: int | None
-    """Place in `HysteresisCode.parameters`; None where tables or the form of the code follow
-    from the parameter, so that it cannot be changed while the code runs.
+    """Place in `HysteresisCode.parameters`; None if tables or the form of the code depend on the
+    parameter, so that it cannot be changed at run time.
     """
     value: float
     """Its value."""
     description: str
-    """What it is."""
+    """Its description."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HysteresisCode:
-    """A hysteresis model as C computes it.
+    """Hysteresis model in C.
 
     ``fs_KIND_move(p, memory, u1)`` returns the output at ``u1``, and ``fs_KIND_line(p, memory, u1,
-    pieces, room, &value)`` its pieces on the way there; both move the memory, which is laid out as
-    the state of the model. A line returns -1, and leaves the memory as it was, where the output is
-    not finite or the room is too small.
+    pieces, room, &value)`` its pieces on the way there; both update the memory, laid out as the
+    state of the model. A line returns -1, with the memory unchanged, if the output is not finite or
+    the room is too small.
     """
 
     kind: str
@@ -48,18 +48,18 @@ class HysteresisCode:
     header: str
     """Name of the header."""
     headers: tuple[str, ...]
-    """Every header that is needed, each after those that it includes."""
+    """All headers, each after those that it includes."""
     function: str
     """Prefix of the functions, such as ``fs_bouc_wen``."""
     parameters: Array
-    """Parameters as the functions take them, tables after them, shape (n,)."""
+    """Parameters as arguments of the functions, then tables, shape (n,)."""
     tunable: tuple[TunableParameter, ...]
     """Parameters by name."""
     memory: int
     """Numbers of the memory."""
     pieces: int
-    """The largest number of pieces of a line; 0 where the model has no closed form between samples,
-    and no ``fs_KIND_line``.
+    """The largest number of pieces of a line; 0 without a closed form between samples, and without
+    ``fs_KIND_line``.
     """
 
 
@@ -68,8 +68,7 @@ def tunable_of(
 ) -> TunableParameter:
     """Return a parameter that is one number, or one of a list such as ``weights[3]``.
 
-    The index is None where it cannot be changed while the code runs. The unit is that of the law
-    where none is given.
+    The index is None if it cannot be changed at run time. The unit is that of the law by default.
     """
     field, _, places = name.partition("[")
     value = np.asarray(getattr(model, field), dtype=np.float64)
@@ -90,7 +89,7 @@ def code_of(
     tunable: Iterable[TunableParameter],
     pieces: int,
 ) -> HysteresisCode:
-    """Return the code of a model, with the names that follow from its kind.
+    """Return the code of a model, with names by its kind.
 
     `pieces` is the largest number of pieces of a line; 0 for none.
     """
@@ -111,24 +110,24 @@ def code_of(
 @functools.cache
 def _headers(header: str) -> tuple[str, ...]:
     """Return a header after all that it includes, each once."""
-    found: dict[str, None] = {}
+    headers: dict[str, None] = {}
     for included in _INCLUDE.findall(source_file(header).decode()):
-        found.update(dict.fromkeys(_headers(included)))
-    return (*found, header)
+        headers.update(dict.fromkeys(_headers(included)))
+    return (*headers, header)
 
 
 def source_file(name: str) -> bytes:
-    """Return a header or a text of MATLAB: of the model that it is called like, or one shared."""
+    """Return a header or a text of MATLAB, from the folder of its model or a common one."""
     models = resources.files("flexstage.hysteresis.models")
-    own = models / name.removeprefix("hysteresis_").split(".")[0] / name
-    return (own if own.is_file() else models / name).read_bytes()
+    model_file = models / name.removeprefix("hysteresis_").split(".")[0] / name
+    return (model_file if model_file.is_file() else models / name).read_bytes()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MatlabCode:
-    """A hysteresis model as MATLAB computes it."""
+    """Hysteresis model in MATLAB."""
 
     parts: tuple[str, ...]
-    """Names of the texts that it is made of: the body of the function, then what that calls."""
+    """Names of its texts: the body of the function, then the functions that it calls."""
     parameters: Mapping[str, tuple[Any, str]]
-    """Numbers by name, and what is said of each."""
+    """Numbers and descriptions by name."""

@@ -272,7 +272,7 @@ def _command_error(
     axes: "Axes", feedforward: "Feedforward", model: "DriveModel", band_percent: float | None
 ) -> None:
     style_axes(axes)
-    error = feedforward.predicted - feedforward.wanted
+    error = feedforward.predicted - feedforward.requested
     band = 0.0
     if band_percent is not None and model.validity is not None:
         low, high = model.validity.output_range
@@ -300,18 +300,18 @@ def _command_loop(axes: "Axes", feedforward: "Feedforward", model: "DriveModel")
     style_axes(axes)
     unit, factor = scale(model.output_unit)
     at = np.unique(
-        np.concatenate((shown_lines(feedforward.command), shown_lines(feedforward.wanted)))
+        np.concatenate((shown_lines(feedforward.command), shown_lines(feedforward.requested)))
     )
     axes.plot(
-        factor * feedforward.wanted[at],
+        factor * feedforward.requested[at],
         feedforward.command[at],
         color=CYCLE[0],
         linewidth=0.9,
         label="command",
     )
-    ends = [int(feedforward.wanted.argmin()), int(feedforward.wanted.argmax())]
+    ends = [int(feedforward.requested.argmin()), int(feedforward.requested.argmax())]
     axes.plot(
-        factor * feedforward.wanted[ends], feedforward.command[ends], color=MUTED, linewidth=0.8,
+        factor * feedforward.requested[ends], feedforward.command[ends], color=MUTED, linewidth=0.8,
         linestyle=LONG_DASHED, label="linear",
     )  # fmt: skip
     axes.set(xlabel=f"desired{unit}", ylabel=f"command{scale(model.input_unit)[0]}")

@@ -21,10 +21,11 @@ from flexstage.hysteresis import (
     model_text,
     read_model_file,
 )
-from flexstage.hysteresis.drive_model import DriveModel, Start, in_unit_of_model, lowest_reading
+from flexstage.hysteresis.chain.creep import Start
+from flexstage.hysteresis.drive_model import DriveModel, in_unit_of_model, lowest_reading
 from flexstage.hysteresis.identification.identify import identified_file
 from flexstage.hysteresis.inversion import (
-    command_as_asked,
+    command_of_request,
     command_record,
     reading_in_proportion,
 )
@@ -211,7 +212,7 @@ def compensate_motion(file: ModelFile, motion: DesiredMotion, key: str) -> Compe
     )
     error = (
         reading_in_proportion(file.model, feedforward, endless=is_endless, start=start)
-        - feedforward.wanted
+        - feedforward.requested
     )
     band = file.errors.get("heldout_95")
     alt_text = "The command and its predicted error"
@@ -228,7 +229,7 @@ def command(drive: DriveModel, motion: DesiredMotion) -> tuple[Feedforward, tupl
     else:
         reference, dt, notes = _repeated(motion)
         periods = motion.periods
-    feedforward = command_as_asked(drive, reference, dt, motion.request, periods=periods)
+    feedforward = command_of_request(drive, reference, dt, motion.request, periods=periods)
     return feedforward, (*notes, *feedforward.notes)
 
 

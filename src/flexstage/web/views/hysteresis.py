@@ -17,7 +17,7 @@ from flexstage.report.identification import (
     failures,
     identification_in_words,
     parameters_table,
-    verdict_in_words,
+    quality_in_words,
 )
 from flexstage.web.figures import figure, in_page, picture, save, sentence, show_lines, show_table
 from flexstage.web.hysteresis.files_form import FilesForm, show_contents
@@ -91,8 +91,8 @@ class ModelPanel:
     def _show_identified(self, model: OpenModel, model_result: IdentifiedModel) -> None:
         identification = model_result.identification
         PanelHeading(f"{MODELS[identification.kind].title}: {model.name}")
-        ui.label(display_text(sentence(verdict_in_words(identification)))).classes(
-            "issue good" if identification.verdict.fits else "issue error"
+        ui.label(display_text(sentence(quality_in_words(identification)))).classes(
+            "issue good" if identification.quality.fits else "issue error"
         )
         unit, stroke = identification.model.output_unit, identification.stroke
         with div("row-of-figures"):

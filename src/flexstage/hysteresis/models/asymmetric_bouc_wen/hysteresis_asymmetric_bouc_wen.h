@@ -9,7 +9,7 @@
 #include "monotone_run.h"
 #include "shape_law.h"
 
-/* The output at u1; memory moves there. Not finite where h has run away. */
+/* The output at u1; memory is updated. Not finite if h grows without limit. */
 static inline fs_real fs_asymmetric_bouc_wen_move(const fs_real *p, fs_real *memory, fs_real u1)
 {
     fs_law law;

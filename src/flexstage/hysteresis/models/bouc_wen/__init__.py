@@ -1,1 +1,1 @@
-"""Bouc-Wen: its law, how it is fitted, and what it is in C and MATLAB."""
+"""Bouc-Wen model: its law, its fit, and its code in C and MATLAB."""

@@ -8,8 +8,8 @@
 #include "monotone_run.h"
 #include "shape_law.h"
 
-/* Pieces of the output along the line from memory[0] to u1, for exponent 1, at most two; -1, and
- * memory stays, where the output is not finite or there is no room. */
+/* Pieces of the output along the line from memory[0] to u1, for exponent 1, at most two; -1,
+ * with memory unchanged, if the output is not finite or the room is too small. */
 static inline int fs_bouc_wen_line(const fs_real *p, fs_real *memory, fs_real u1, fs_piece *pieces,
                                    int room, fs_real *value)
 {
@@ -17,7 +17,7 @@ static inline int fs_bouc_wen_line(const fs_real *p, fs_real *memory, fs_real u1
     return fs_law_line(&law, p[0], memory, u1, pieces, room, value);
 }
 
-/* The output at u1; memory moves there. Not finite where h has run away. */
+/* The output at u1; memory is updated. Not finite if h grows without limit. */
 static inline fs_real fs_bouc_wen_move(const fs_real *p, fs_real *memory, fs_real u1)
 {
     fs_law law;

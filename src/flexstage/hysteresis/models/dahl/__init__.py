@@ -1,1 +1,1 @@
-"""Dahl: its law, how it is fitted, and what it is in C and MATLAB."""
+"""Dahl model: its law, its fit, and its code in C and MATLAB."""

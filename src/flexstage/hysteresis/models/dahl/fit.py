@@ -1,11 +1,11 @@
-"""How a Dahl model is fitted."""
+"""Fit of the Dahl model."""
 
 import numpy as np
 
 from flexstage.base.arrays import Array
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.record_section import RecordSection
-from flexstage.hysteresis.identification.searched_fit import SearchedFit
+from flexstage.hysteresis.identification.nonlinear_fit import SearchedFit
 from flexstage.hysteresis.models.dahl.law import Dahl
 
 #: Range of the slope of friction over its limit, times the range of the input, in powers of ten.

@@ -8,8 +8,8 @@
 #include "monotone_run.h"
 #include "shape_law.h"
 
-/* Pieces of the output along the line from memory[0] to u1, for exponent 1, at most two; -1, and
- * memory stays, where the output is not finite or there is no room. */
+/* Pieces of the output along the line from memory[0] to u1, for exponent 1, at most two; -1,
+ * with memory unchanged, if the output is not finite or the room is too small. */
 static inline int fs_dahl_line(const fs_real *p, fs_real *memory, fs_real u1, fs_piece *pieces,
                                int room, fs_real *value)
 {
@@ -17,7 +17,7 @@ static inline int fs_dahl_line(const fs_real *p, fs_real *memory, fs_real u1, fs
     return fs_law_line(&law, p[0], memory, u1, pieces, room, value);
 }
 
-/* The output at u1; memory moves there. */
+/* The output at u1; memory is updated. */
 static inline fs_real fs_dahl_move(const fs_real *p, fs_real *memory, fs_real u1)
 {
     fs_real sigma = p[1], limit = p[2], i = p[3], F = memory[1], du = u1 - memory[0];

@@ -130,12 +130,12 @@ def _advance(F: float, du: float, sigma: float, limit: float, i: float) -> float
     if e == 0.0:
         return F
     if i == 1.0:
-        closed = decayed(x)
+        share = decayed(x)
     else:
         m = i - 1.0
         q = m * x * abs(e) ** m
-        closed = -math.expm1(-math.log1p(q) / m) if q > -1.0 else 1.0
-    return F + s * limit * e * closed
+        share = -math.expm1(-math.log1p(q) / m) if q > -1.0 else 1.0
+    return F + s * limit * e * share
 
 
 @compiled
@@ -195,14 +195,14 @@ def _inverse_step(
     high = target / least
     high += 4.0 * ROUNDING * (high + abs(F) / least)
     v = min(high, target / (gain - _slope(F, s, sigma, limit, i)))
-    found = False
+    converged = False
     count = 0
     while True:
         end = u + s * v
         # The hysteresis sees the rounded input; so does the last evaluation.
         after = _advance(F, end - u, sigma, limit, i)
         count += 1
-        if found or count > ITERATIONS:
+        if converged or count > ITERATIONS:
             return end, after
         excess = s * (gain * (end - u) - (after - F)) - target
         if excess > 0.0:
@@ -213,7 +213,7 @@ def _inverse_step(
         if not low <= v - correction <= high:
             correction = v - 0.5 * (low + high)
         v -= correction
-        found = abs(correction) <= ROUNDING * (abs(u) + v)
+        converged = abs(correction) <= ROUNDING * (abs(u) + v)
 
 
 def c_code(model: Dahl) -> HysteresisCode:
@@ -222,7 +222,7 @@ def c_code(model: Dahl) -> HysteresisCode:
     tunable = [
         tunable_of(model, "gain", 0, "gain of the straight part"),
         tunable_of(model, "stiffness", 1, "slope of the friction at zero"),
-        tunable_of(model, "limit", 2, "friction at which sliding goes on"),
+        tunable_of(model, "limit", 2, "friction of steady sliding"),
         tunable_of(model, "exponent", None if straight else 3, "how sharply the loop saturates"),
     ]
     return code_of(model, [p.value for p in tunable], tunable, 2 if straight else 0)

@@ -1,1 +1,1 @@
-"""Duhem: its law, how it is fitted, and what it is in C and MATLAB."""
+"""Duhem model: its law, its fit, and its code in C and MATLAB."""

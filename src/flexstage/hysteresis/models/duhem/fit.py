@@ -1,19 +1,19 @@
-"""How a Duhem model is fitted."""
+"""Fit of the Duhem model."""
 
 import numpy as np
 
 from flexstage.base.arrays import Array
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.record_section import RecordSection
-from flexstage.hysteresis.identification.searched_fit import SearchedFit
+from flexstage.hysteresis.identification.nonlinear_fit import SearchedFit
 from flexstage.hysteresis.models.duhem.law import Duhem, duhem_columns
 
 #: Range of alpha times the range of the input, in powers of ten.
 _RATE = (-0.5, 2.0)
 #: Coefficients of f and of g.
 _CURVE, _TANGENT = 4, 2
-#: Weight of the square of the constant of f against the misfit. Once the way out of rest is over
-#: it does what the offset does, and without a weight both grow to many strokes of opposite sign.
+#: Penalty on the square of the constant of f. After the initial movement its effect is that of the
+#: offset, and without a penalty both grow to many strokes of opposite sign.
 _CONSTANT = 3e-9
 
 

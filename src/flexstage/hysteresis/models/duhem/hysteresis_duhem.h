@@ -52,7 +52,7 @@ static inline fs_real fs_duhem_step(const fs_real *p, fs_real u, fs_real y, fs_r
            + v * (q0 * phi1 + v * (sign * q1 * phi2 + v * (q2 * phi3 + v * sign * q3 * phi4)));
 }
 
-/* The output at u1; memory moves there. */
+/* The output at u1; memory is updated. */
 static inline fs_real fs_duhem_move(const fs_real *p, fs_real *memory, fs_real u1)
 {
     fs_real u = memory[0];
@@ -67,7 +67,7 @@ static inline fs_real fs_duhem_move(const fs_real *p, fs_real *memory, fs_real u
 }
 
 /* The one piece of the output along the line from memory[0] to u1, where f is straight and g is
- * constant; -1, and memory stays, where the output is not finite or there is no room. */
+ * constant; -1, with memory unchanged, if the output is not finite or the room is too small. */
 static inline int fs_duhem_line(const fs_real *p, fs_real *memory, fs_real u1, fs_piece *pieces,
                                 int room, fs_real *value)
 {

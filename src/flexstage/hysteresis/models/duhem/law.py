@@ -17,10 +17,11 @@ from flexstage.hysteresis.model import (
     Response,
     Segments,
     checked,
+    fixed,
     sampled,
     samples,
 )
-from flexstage.hysteresis.models.play import ROUNDING, fixed
+from flexstage.hysteresis.models.play_sum import STATE_ROUNDING
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
 
 #: Inputs at which the conditions are looked at.
@@ -90,13 +91,13 @@ class Duhem(HysteresisModel):
 
     def __post_init__(self) -> None:
         for name in ("anhysteretic", "tangent"):
-            given = fixed(getattr(self, name), f"coefficients of the {name}", (-1,))
-            if not 1 <= given.size <= TERMS:
+            coefficients = fixed(getattr(self, name), f"coefficients of the {name}", (-1,))
+            if not 1 <= coefficients.size <= TERMS:
                 raise ModelError(
-                    f"the coefficients of the {name} must be one to four, got {given.size}: "
+                    f"the coefficients of the {name} must be one to four, got {coefficients.size}: "
                     f"give them from the constant up"
                 )
-            object.__setattr__(self, name, given)
+            object.__setattr__(self, name, coefficients)
         low, high = (float(end) for end in fixed(self.input_range, "input range", (2,)))
         if not (low <= 0.0 <= high and low < high):
             raise ModelError(
@@ -114,9 +115,9 @@ class Duhem(HysteresisModel):
         return np.zeros(2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        given, before = samples(u, "input"), self._state(state)
-        y = _simulate(given, self.rate, *self.padded(), before)
-        return Response(values=y, state=np.array([given[-1], y[-1]]))
+        inputs, before = samples(u, "input"), self._state(state)
+        y = _simulate(inputs, self.rate, *self.padded(), before)
+        return Response(values=y, state=np.array([inputs[-1], y[-1]]))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
         low, high = self.input_range
@@ -124,7 +125,7 @@ class Duhem(HysteresisModel):
         return self._reaching(y, state, f"from {low:g} to {high:g}", hint)
 
     def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        wanted, before = samples(y, "output"), self._state(state)
+        outputs, before = samples(y, "output"), self._state(state)
         least = self._extremes()[0]
         if least <= 0.0:
             raise ModelError(
@@ -133,21 +134,21 @@ class Duhem(HysteresisModel):
             )
         low, high = self.input_range
         # An end of the range is reached even where the output for it is rounded.
-        edge = ROUNDING * (high - low)
+        edge = STATE_ROUNDING * (high - low)
         ends = (low - edge, high + edge)
-        u, missed = _invert(wanted, self.rate, *self.padded(), *ends, before)
+        u, missed = _invert(outputs, self.rate, *self.padded(), *ends, before)
         return Response(values=u, state=before, missed=missed)
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
         f, g = self.padded()
         if np.any(f[2:] != 0.0) or np.any(g[1:] != 0.0):
             return None
-        given = sampled(u)
-        response = self.simulate(given, state)
-        step = np.diff(given)
+        inputs = sampled(u)
+        response = self.simulate(inputs, state)
+        step = np.diff(inputs)
         start = np.arange(step.size, dtype=np.float64)
         # The output that would follow the curve without an exponential part.
-        steady = f[0] + f[1] * given[:-1] + np.sign(step) * (g[0] - f[1]) / self.rate
+        steady = f[0] + f[1] * inputs[:-1] + np.sign(step) * (g[0] - f[1]) / self.rate
         before = response.values[:-1]
         constant = np.where(step == 0.0, before, steady)
         return Segments(
@@ -156,7 +157,7 @@ class Duhem(HysteresisModel):
             slope=f[1] * step,
             amplitude=before - constant,
             rate=self.rate * np.abs(step),
-            samples=given.size,
+            samples=inputs.size,
             state=response.state,
         )
 
@@ -205,13 +206,16 @@ class Duhem(HysteresisModel):
         tuple of numpy.ndarray
             Those that are not given are zero, shape (4,) each.
         """
-        f, g = (np.pad(own, (0, TERMS - own.size)) for own in (self.anhysteretic, self.tangent))
+        f, g = (
+            np.pad(coefficients, (0, TERMS - coefficients.size))
+            for coefficients in (self.anhysteretic, self.tangent)
+        )
         return f, g
 
     def _extremes(self) -> tuple[float, float]:
         """Return the least slope and the largest output, either way, on the outermost branches."""
         u = np.linspace(*self.input_range, GRID)
-        f, g = (np.polynomial.Polynomial(own)(u) for own in self.padded())
+        f, g = (np.polynomial.Polynomial(coefficients)(u) for coefficients in self.padded())
         branches = self._outermost(u)
         # Order is kept: an output between two others stays between them, on every path.
         rising = self.rate * (f - np.max(branches, axis=0)) + g
@@ -264,8 +268,8 @@ def duhem_columns(u: ArrayLike, rate: float, curve: int, tangent: int) -> Array:
 
 @compiled
 def _columns(u: Array, alpha: float, curve: int, tangent: int) -> Array:
-    made = np.zeros((u.size, curve + tangent))
-    moved = np.zeros(max(curve, tangent))
+    columns = np.zeros((u.size, curve + tangent))
+    change = np.zeros(max(curve, tangent))
     here, last = np.zeros(curve + tangent), 0.0
     for n in range(u.size):
         if u[n] != last:
@@ -274,8 +278,8 @@ def _columns(u: Array, alpha: float, curve: int, tangent: int) -> Array:
             phi1, phi2, phi3, phi4 = _phis(-alpha * v)
             # powers of the input where the step begins, and their derivatives
             d0, d1, d2, d3 = 1.0, 0.0, 0.0, 0.0
-            for k in range(moved.size):
-                moved[k] = v * (
+            for k in range(change.size):
+                change[k] = v * (
                     d0 * phi1 + v * (sign * d1 * phi2 + v * (d2 * phi3 + v * sign * d3 * phi4))
                 )
                 d0, d1, d2, d3 = (
@@ -286,12 +290,12 @@ def _columns(u: Array, alpha: float, curve: int, tangent: int) -> Array:
                 )
             decay = math.exp(-alpha * v)
             for k in range(curve):
-                here[k] = decay * here[k] + alpha * moved[k]
+                here[k] = decay * here[k] + alpha * change[k]
             for k in range(tangent):
-                here[curve + k] = decay * here[curve + k] + sign * moved[k]
+                here[curve + k] = decay * here[curve + k] + sign * change[k]
             last = u[n]
-        made[n] = here
-    return made
+        columns[n] = here
+    return columns
 
 
 @compiled
@@ -330,8 +334,8 @@ def _step(u: float, y: float, v: float, sign: float, alpha: float, f: Array, g: 
     q3 += sign * 6.0 * g[3]
     x = -alpha * v
     phi1, phi2, phi3, phi4 = _phis(x)
-    moved = v * (q0 * phi1 + v * (sign * q1 * phi2 + v * (q2 * phi3 + v * sign * q3 * phi4)))
-    return y * math.exp(x) + moved
+    change = v * (q0 * phi1 + v * (sign * q1 * phi2 + v * (q2 * phi3 + v * sign * q3 * phi4)))
+    return y * math.exp(x) + change
 
 
 @compiled
@@ -350,7 +354,7 @@ def _simulate(u: Array, alpha: float, f: Array, g: Array, state: Array) -> Array
 
 @compiled
 def _distance(
-    u: float, y: float, wanted: float, far: float, sign: float, alpha: float, f: Array, g: Array
+    u: float, y: float, target: float, far: float, sign: float, alpha: float, f: Array, g: Array
 ) -> float:
     """Return how far the input must go for a wanted output, at most `far`: Newton in a bracket."""
     low, high = 0.0, far
@@ -361,7 +365,7 @@ def _distance(
         x = u + sign * v
         curve = f[0] + x * (f[1] + x * (f[2] + x * f[3]))
         slope = g[0] + x * (g[1] + x * (g[2] + x * g[3])) + sign * alpha * (curve - here)
-        guess = v + sign * (wanted - here) / slope if slope > 0.0 else math.inf
+        guess = v + sign * (target - here) / slope if slope > 0.0 else math.inf
         step = abs(guess - v)
         # Near the root steps get smaller each time, until rounding of the output is all of them.
         if step <= 1e-16 * (abs(u) + v) or (step >= last and last <= 1e-11 * (abs(u) + far)):
@@ -371,7 +375,7 @@ def _distance(
             guess = 0.5 * (low + high)
         v = guess
         here = _step(u, y, v, sign, alpha, f, g)
-        if sign * (wanted - here) > 0.0:
+        if sign * (target - here) > 0.0:
             low = v
         else:
             high = v

@@ -1,1 +1,1 @@
-"""Generalised Bouc-Wen: its law, how it is fitted, and what it is in C and MATLAB."""
+"""Generalised Bouc-Wen model: its law, its fit, and its code in C and MATLAB."""

@@ -1,10 +1,10 @@
-"""How a generalised Bouc-Wen model is fitted."""
+"""Fit of the Generalised Bouc-Wen model."""
 
 import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.refined_fit import RefinedFit
+from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit
 from flexstage.hysteresis.models.bouc_wen.fit import BoucWenFit
 from flexstage.hysteresis.models.bouc_wen.law import BoucWen
 from flexstage.hysteresis.models.generalised_bouc_wen.law import GeneralisedBoucWen
@@ -34,12 +34,12 @@ class GeneralisedBoucWenFit(RefinedFit):
         # the two gains, the shape function where loaded, two differences
         key = f"{self.kind} start"
         if key not in data.memo:
-            found = BoucWenFit().fit(data).model
-            assert isinstance(found, BoucWen)
+            plain = BoucWenFit().fit(data).model
+            assert isinstance(plain, BoucWen)
             # gamma sgn(x h) comes next to the gamma of Bouc-Wen, which has no place in the shape
-            loaded = found.beta + found.gamma * _BY_SIDE * _BY_RATE
-            gains = [found.gain, found.hysteresis_gain]
-            data.memo[key] = [np.array([*gains, *loaded, -found.gamma, 0.0])]
+            loaded = plain.beta + plain.gamma * _BY_SIDE * _BY_RATE
+            gains = [plain.gain, plain.hysteresis_gain]
+            data.memo[key] = [np.array([*gains, *loaded, -plain.gamma, 0.0])]
         return data.memo[key][0].copy()
 
     def bounds(self, data: FitData) -> tuple[Array, Array]:

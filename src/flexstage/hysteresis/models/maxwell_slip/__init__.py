@@ -1,1 +1,1 @@
-"""Generalised Maxwell-slip: its law, how it is fitted, and what it is in C and MATLAB."""
+"""Generalised Maxwell-slip model: its law, its fit, and its code in C and MATLAB."""

@@ -1,4 +1,4 @@
-"""How a generalised Maxwell-slip model is fitted."""
+"""Fit of the Generalised Maxwell-slip model."""
 
 from dataclasses import replace
 
@@ -6,21 +6,21 @@ import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.record_section import RecordSection
-from flexstage.hysteresis.identification.refined_fit import RefinedFit, roughness
+from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, roughness
 from flexstage.hysteresis.models.maxwell_slip.law import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii.fit import interior_kinks
-from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii.fit import (
     PLAYS,
     PrandtlIshlinskiiFit,
+    interior_kinks,
 )
 from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 
 #: Kinks of the spring; there are as many elements as plays.
 _KINKS = 6
-#: Weight of the penalty on second differences against the misfit.
+#: Weight of the penalty on second differences.
 _SMOOTHING = 3e-4
 #: Smallest slope after a turn of the plays that the search begins with, over the mean slope.
 _FLATTEST = 0.05
@@ -68,9 +68,9 @@ class GeneralisedMaxwellSlipFit(RefinedFit):
         beyond = y[:, None] - model.dead_zones
         beyond = np.where(beyond * np.sign(model.dead_zones) > 0.0, beyond, 0.0)
         slope = model.stiffness + (beyond != 0.0) @ model.dead_zone_weights
-        made = np.column_stack((y, y[:, None] - sliders, beyond))
-        _given_voltage(made, sliders, slope, model.element_stiffness)
-        return made * scale
+        derivatives = np.column_stack((y, y[:, None] - sliders, beyond))
+        _given_voltage(derivatives, sliders, slope, model.element_stiffness)
+        return derivatives * scale
 
     def _cached(self, data: FitData) -> list[Array]:
         """Stiffness, thresholds and stiffnesses of elements of the start, and the kinks."""
@@ -91,20 +91,20 @@ class GeneralisedMaxwellSlipFit(RefinedFit):
 
 
 @compiled
-def _given_voltage(made: Array, sliders: Array, slope: Array, stiffness: Array) -> None:
+def _given_voltage(derivatives: Array, sliders: Array, slope: Array, stiffness: Array) -> None:
     """Turn changes of the voltage at given displacements into those of the displacement."""
-    kept = np.zeros((sliders.shape[1], made.shape[1]))
+    sticking = np.zeros((sliders.shape[1], derivatives.shape[1]))
     before = np.zeros(sliders.shape[1])
-    for n in range(made.shape[0]):
-        now, total = made[n], slope[n]
+    for n in range(derivatives.shape[0]):
+        now, total = derivatives[n], slope[n]
         for i in range(before.size):
             if sliders[n, i] == before[i]:
                 total += stiffness[i]
                 for q in range(now.size):
-                    now[q] -= stiffness[i] * kept[i, q]
+                    now[q] -= stiffness[i] * sticking[i, q]
         for q in range(now.size):
             now[q] /= -total
         for i in range(before.size):
             if sliders[n, i] != before[i]:
                 before[i] = sliders[n, i]
-                kept[i] = now
+                sticking[i] = now

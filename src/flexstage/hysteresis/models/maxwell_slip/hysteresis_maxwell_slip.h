@@ -9,7 +9,7 @@
 
 #include "plays.h"
 
-/* The output at u1; memory moves there. */
+/* The output at u1; memory is updated. */
 static inline fs_real fs_maxwell_slip_move(const fs_real *p, fs_real *memory, fs_real u1)
 {
     fs_plays plays = fs_plays_of(p);
@@ -19,8 +19,8 @@ static inline fs_real fs_maxwell_slip_move(const fs_real *p, fs_real *memory, fs
     return y;
 }
 
-/* Pieces of the output along the line from memory[0] to u1; -1 where the input is not finite, and
- * memory stays, or where there is no room, and memory stays but for the rounding of its output. */
+/* Pieces of the output along the line from memory[0] to u1; -1, with memory unchanged, if the
+ * input is not finite, or, but for the rounding of its output, if the room is too small. */
 static inline int fs_maxwell_slip_line(const fs_real *p, fs_real *memory, fs_real u1,
                                        fs_piece *pieces, int room, fs_real *value)
 {

@@ -15,11 +15,12 @@ from flexstage.hysteresis.model import (
     Response,
     Segments,
     checked,
+    fixed,
+    rising,
     sampled,
     samples,
 )
 from flexstage.hysteresis.models import play_sum
-from flexstage.hysteresis.models.play import ROUNDING, fixed, play_state, rising
 from flexstage.hysteresis.models.play_model import (
     Sum,
     elements,
@@ -29,7 +30,12 @@ from flexstage.hysteresis.models.play_model import (
     sum_numbers,
     terms,
 )
-from flexstage.hysteresis.models.play_sum import PiecewiseLinear, dead_zone_line
+from flexstage.hysteresis.models.play_sum import (
+    STATE_ROUNDING,
+    PiecewiseLinear,
+    dead_zone_line,
+    play_state,
+)
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
 
 
@@ -141,22 +147,22 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         return np.zeros(self.thresholds.size + 2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        given = samples(u, "input")
+        inputs = samples(u, "input")
         plays = _inner(self._state(state))
-        y, _ = play_sum.invert(given, *self.play_terms(), plays)
-        return Response(values=y, state=_outer(given[-1], plays))
+        y, _ = play_sum.invert(inputs, *self.play_terms(), plays)
+        return Response(values=y, state=_outer(inputs[-1], plays))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        wanted = samples(y, "output")
+        outputs = samples(y, "output")
         plays = _inner(self._state(state))
-        u = play_sum.simulate(wanted, *self.play_terms(), plays)
+        u = play_sum.simulate(outputs, *self.play_terms(), plays)
         return Response(values=u, state=_outer(u[-1], plays))
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
-        given = sampled(u)
-        first = self.simulate(given[:1], state)
-        found = segments_of(given, self.play_terms(), _inner(first.state), backward=True)
-        return replace(found, state=_outer(given[-1], found.state))
+        inputs = sampled(u)
+        first = self.simulate(inputs[:1], state)
+        pieces = segments_of(inputs, self.play_terms(), _inner(first.state), backward=True)
+        return replace(pieces, state=_outer(inputs[-1], pieces.state))
 
     def properties(self) -> tuple[ModelProperty, ...]:
         # a closed cycle takes in the work of the sliders: sum of k_i r_i times the way that slider
@@ -189,22 +195,22 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         return least_slope(gain, thresholds, slopes)
 
     def _state(self, state: ArrayLike | None) -> Array:
-        given = HysteresisModel._state(self, state)
+        checked_copy = HysteresisModel._state(self, state)
         if state is None:
-            return given
-        play_state(given[1:], self.thresholds)
-        u = play_sum.simulate(given[1:2], *self.play_terms(), _inner(given))[0]
+            return checked_copy
+        play_state(checked_copy[1:], self.thresholds)
+        u = play_sum.simulate(checked_copy[1:2], *self.play_terms(), _inner(checked_copy))[0]
         steepest = self.play_terms()[0] + float(np.max(np.abs(self.spring().slopes)))
         # rounding is that of the ways that led here, not only of where they ended: at no voltage
         # the state may be small, and the thresholds are not
-        reach = max(float(np.max(np.abs(given[1:]))), float(self.thresholds[-1]))
-        scale = max(abs(given[0]), steepest * reach)
-        if abs(u - given[0]) > ROUNDING * scale:
+        reach = max(float(np.max(np.abs(checked_copy[1:]))), float(self.thresholds[-1]))
+        scale = max(abs(checked_copy[0]), steepest * reach)
+        if abs(u - checked_copy[0]) > STATE_ROUNDING * scale:
             raise ModelError(
                 f"no voltage leads to this state: its displacements belong to {u:g}, and its "
-                f"first number is {given[0]:g}; take a state from a simulation"
+                f"first number is {checked_copy[0]:g}; take a state from a simulation"
             )
-        return given
+        return checked_copy
 
 
 def _inner(state: Array) -> Array:

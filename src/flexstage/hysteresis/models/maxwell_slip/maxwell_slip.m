@@ -4,8 +4,8 @@ if isempty(x)
     x = 0;
     plays = zeros(1, numel(p.thresholds));
 end
-% the voltage is a sum of functions of plays of the displacement, which is walked through, piece
-% by straight piece, until it is the one that is asked for
+% the voltage is a sum of functions of plays of the displacement, which is followed, piece
+% by straight piece, up to the requested one
 [x, plays] = walk(u, x, plays, p);
 y = x;
 end

@@ -1,18 +1,19 @@
-"""How a modified Prandtl-Ishlinskii model is fitted."""
+"""Fit of the Modified Prandtl-Ishlinskii model."""
 
 import itertools
 
 import numpy as np
 
 from flexstage.base.arrays import Array
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.record_section import RecordSection
-from flexstage.hysteresis.identification.refined_fit import RefinedFit, roughness
+from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, roughness
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii.fit import (
     PLAYS,
     PrandtlIshlinskiiFit,
+    interior_kinks,
 )
 from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 
@@ -20,18 +21,8 @@ from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 _KINKS = 8
 #: Smallest slope of the line behind the plays, over the mean slope: it must be invertible.
 _FLATTEST = 0.05
-#: Weight of the penalty on second differences against the misfit.
+#: Weight of the penalty on second differences.
 _SMOOTHING = 3e-4
-
-
-def interior_kinks(data: FitData, plays: PrandtlIshlinskii, count: int) -> Array:
-    """Return where a line behind plays may bend: evenly over the output, and not at zero."""
-    ends = [plays.simulate(s.u).values[s.warm_up :] for s in data.sections]
-    low, high = min(e.min() for e in ends), max(e.max() for e in ends)
-    kinks = np.linspace(low, high, count + 2)[1:-1]
-    distance = (high - low) / (count + 1)
-    near = np.abs(kinks) < 0.05 * distance
-    return np.where(near, 0.05 * distance, kinks)
 
 
 class ModifiedPrandtlIshlinskiiFit(RefinedFit):
@@ -81,13 +72,13 @@ class ModifiedPrandtlIshlinskiiFit(RefinedFit):
         columns = play_columns(section.u, start.thresholds)
         v = p[0] * section.u + columns @ p[1 : 1 + PLAYS]
         ends = np.concatenate(([-np.inf], kinks, [np.inf]))
-        made = np.empty((section.u.size, p.size), order="F")
+        derivatives = np.empty((section.u.size, p.size), order="F")
         slope = slopes[np.searchsorted(kinks, v)]
-        made[:, 0] = slope * section.u
-        made[:, 1 : 1 + PLAYS] = slope[:, None] * columns
+        derivatives[:, 0] = slope * section.u
+        derivatives[:, 1 : 1 + PLAYS] = slope[:, None] * columns
         for j, (low, high) in enumerate(itertools.pairwise(ends), start=1 + PLAYS):
-            made[:, j] = np.clip(v, low, high) - np.clip(0.0, low, high)
-        return made * scale
+            derivatives[:, j] = np.clip(v, low, high) - np.clip(0.0, low, high)
+        return derivatives * scale
 
     def _cached(self, data: FitData) -> tuple[PrandtlIshlinskii, Array]:
         key = f"{self.kind} start"

@@ -44,8 +44,8 @@ static inline fs_piece fs_kinked_piece(const fs_kinked_line *line, const fs_piec
 }
 
 /* Pieces of the output along the line from memory[0] to u1: one for each play that starts and one
- * before, each split at most at each knot. -1, and memory stays, where the input is not finite or
- * the room is not enough for all of these. */
+ * before, each split at most at each knot. -1, with memory unchanged, if the input is not finite or
+ * the room is too small. */
 static inline int fs_modified_prandtl_ishlinskii_line(const fs_real *p, fs_real *memory,
                                                       fs_real u1, fs_piece *pieces, int room,
                                                       fs_real *value)
@@ -80,7 +80,7 @@ static inline int fs_modified_prandtl_ishlinskii_line(const fs_real *p, fs_real 
     return count;
 }
 
-/* The output at u1; memory moves there. */
+/* The output at u1; memory is updated. */
 static inline fs_real fs_modified_prandtl_ishlinskii_move(const fs_real *p, fs_real *memory,
                                                           fs_real u1)
 {

@@ -13,9 +13,10 @@ from flexstage.hysteresis.model import (
     ModelProperty,
     Response,
     Segments,
+    fixed,
+    rising,
     samples,
 )
-from flexstage.hysteresis.models.play import fixed, rising
 from flexstage.hysteresis.models.play_model import (
     Sum,
     elements,
@@ -120,8 +121,8 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
         return Response(values=self.line().at(inner.values), state=inner.state)
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        wanted = self.line().inverse().at(samples(y, "output"))
-        return self._plays().inverse(wanted, state)
+        play_output = self.line().inverse().at(samples(y, "output"))
+        return self._plays().inverse(play_output, state)
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
         return _through(self.line(), self._plays().segments(u, state))

@@ -1,1 +1,1 @@
-"""Prandtl-Ishlinskii: its law, how it is fitted, and what it is in C and MATLAB."""
+"""Prandtl-Ishlinskii model: its law, its fit, and its code in C and MATLAB."""

@@ -1,13 +1,13 @@
-"""How a Prandtl-Ishlinskii model is fitted."""
+"""Fit of the Prandtl-Ishlinskii model."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from flexstage.base.arrays import Array
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData, LinearFit
-from flexstage.hysteresis.identification.record_section import RecordSection
-from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 
 #: Number of plays.
@@ -15,7 +15,7 @@ PLAYS = 20
 
 
 def _thresholds(data: FitData) -> Array:
-    """Thresholds of plays that are spread over all that the input can tell apart.
+    """Thresholds of plays over the range that the input determines.
 
     Small loops need more of them than large ones, so their distance grows; none is zero.
     """
@@ -41,3 +41,13 @@ class PrandtlIshlinskiiFit(LinearFit):
 
     def names(self) -> tuple[str, ...]:
         return ("gain", *(f"weights[{i}]" for i in range(PLAYS)))
+
+
+def interior_kinks(data: FitData, plays: PrandtlIshlinskii, count: int) -> Array:
+    """Return kinks of a line behind plays: uniform over the output, and not at zero."""
+    ends = [plays.simulate(s.u).values[s.warm_up :] for s in data.sections]
+    low, high = min(e.min() for e in ends), max(e.max() for e in ends)
+    kinks = np.linspace(low, high, count + 2)[1:-1]
+    distance = (high - low) / (count + 1)
+    near = np.abs(kinks) < 0.05 * distance
+    return np.where(near, 0.05 * distance, kinks)

@@ -7,8 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from flexstage.base.errors import ModelError
-from flexstage.hysteresis.model import Array, checked
-from flexstage.hysteresis.models.play import fixed, rising
+from flexstage.hysteresis.model import Array, checked, fixed, rising
 from flexstage.hysteresis.models.play_model import (
     PlayModel,
     Sum,

@@ -1,1 +1,1 @@
-"""Preisach: its law, how it is fitted, and what it is in C and MATLAB."""
+"""Preisach model: its law, its fit, and its code in C and MATLAB."""

@@ -1,4 +1,4 @@
-"""How a Preisach model is fitted."""
+"""Fit of the Preisach model."""
 
 from collections.abc import Iterator
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,
@@ -13,12 +14,10 @@ from flexstage.hysteresis.identification.model_fit import (
     equations,
     folds_of,
 )
-from flexstage.hysteresis.identification.projection import Normal, square_left
-from flexstage.hysteresis.identification.record_section import RecordSection
+from flexstage.hysteresis.identification.projection import Normal, residual_square
 from flexstage.hysteresis.models.preisach.law import Preisach, preisach_columns
 
-#: Weights of the penalty on second differences of the density that are tried: for records with
-#: little noise, and with much.
+#: Candidate weights of the penalty on second differences of the density, from little to much noise.
 _SMOOTHING = (3e-8, 3e-7, 3e-6, 3e-5)
 #: Parts of the cycles that are held out in turn to choose the weight.
 _PARTS = 4
@@ -27,8 +26,8 @@ _PARTS = 4
 class PreisachFit(LinearFit):
     """A density of relays on a grid of thresholds and means, smooth and not negative.
 
-    Means are intervals of the plays' outputs. Smoothing weighs the penalty on second differences of
-    the density; where None, the one is taken that best predicts cycles which were not fitted.
+    Means are intervals of the plays' outputs. `smoothing` is the weight of the penalty on second
+    differences of the density; None for the weight that best predicts held-out cycles.
     """
 
     law = Preisach
@@ -69,7 +68,7 @@ class PreisachFit(LinearFit):
         skip[:, 1:] = np.eye(m - 1)
         across = np.kron(_second_difference(m - 1) @ skip, np.eye(p))
         rows = np.concatenate((along, across))
-        # what no record has reached is no neighbour of what one has
+        # densities without samples are no neighbours of the others
         rows = rows[~np.any((rows != 0.0) & ~moving, axis=1)]
         return self._weight(data) * (rows.T @ rows)
 
@@ -82,41 +81,41 @@ class PreisachFit(LinearFit):
     def _weight(self, data: FitData) -> float:
         if self._given is not None:
             return self._given
-        chosen = data.memo.get(f"{self.kind} smoothing")
-        return _SMOOTHING[2] if chosen is None else float(chosen[0])
+        weight = data.memo.get(f"{self.kind} smoothing")
+        return _SMOOTHING[2] if weight is None else float(weight[0])
 
     def _best_weight(self, data: FitData) -> float:
         behind, _ = self.moving(data)
-        # one run each: a density shall also hold a little beyond what it was fitted to
+        # one run each: a density must also be valid slightly outside the fitted cycles
         folds = folds_of(data, _PARTS, runs=1)
         if len(folds) < 2:
             return _SMOOTHING[2]
-        held = [equations(behind, data.with_use(fold)) for fold in folds]
-        whole = equations(behind, data, self.kind)
-        left = {w: self._held_out(w, whole, held, data) for w in _SMOOTHING}
-        best = min(_SMOOTHING, key=lambda w: left[w].sum())
-        # the smoothest that is as good within what differs from part to part by chance
+        parts = [equations(behind, data.with_use(fold)) for fold in folds]
+        total = equations(behind, data, self.kind)
+        squares = {w: self._held_out(w, total, parts, data) for w in _SMOOTHING}
+        best = min(_SMOOTHING, key=lambda w: squares[w].sum())
+        # the smoothest that is equally good within the scatter between parts
         for weight in sorted(_SMOOTHING, reverse=True):
-            worse = left[weight] - left[best]
+            worse = squares[weight] - squares[best]
             if worse.mean() <= worse.std(ddof=1) / np.sqrt(worse.size):
                 return weight
         return best
 
-    def _held_out(self, weight: float, whole: Normal, held: list[Normal], data: FitData) -> Array:
-        """Mean square that is left of each part, fitted to the others."""
+    def _held_out(self, weight: float, total: Normal, parts: list[Normal], data: FitData) -> Array:
+        """Mean square residual of each part, fitted to the others."""
         method = PreisachFit(self._thresholds, self._means, weight)
-        left = []
-        for part in held:
-            if part.count in (0, whole.count):
+        squares = []
+        for part in parts:
+            if part.count in (0, total.count):
                 continue
-            # the nuisance is what the fitted part says, as it will be in use
-            solution = method.solution(whole - part, data)
-            left.append(square_left(part, solution) / part.count)
-        return np.array(left)
+            # with the nuisance coefficients of the fitted parts, as in use
+            solution = method.solution(total - part, data)
+            squares.append(residual_square(part, solution) / part.count)
+        return np.array(squares)
 
 
 def _second_difference(n: int) -> Array:
-    made = np.zeros((max(n - 2, 0), n))
+    matrix = np.zeros((max(n - 2, 0), n))
     for i in range(n - 2):
-        made[i, i : i + 3] = (1.0, -2.0, 1.0)
-    return made
+        matrix[i, i : i + 3] = (1.0, -2.0, 1.0)
+    return matrix

@@ -7,8 +7,8 @@
 
 #include "plays.h"
 
-/* Pieces of the output along the line from memory[0] to u1; -1, and memory stays, where the input
- * is not finite or there is no room. */
+/* Pieces of the output along the line from memory[0] to u1; -1, with memory unchanged, if
+ * the input is not finite or the room is too small. */
 static inline int fs_preisach_line(const fs_real *p, fs_real *memory, fs_real u1,
                                fs_piece *pieces, int room, fs_real *value)
 {
@@ -16,7 +16,7 @@ static inline int fs_preisach_line(const fs_real *p, fs_real *memory, fs_real u1
     return fs_plays_line(&plays, memory, u1, pieces, room, value);
 }
 
-/* The output at u1; memory moves there. */
+/* The output at u1; memory is updated. */
 static inline fs_real fs_preisach_move(const fs_real *p, fs_real *memory, fs_real u1)
 {
     fs_plays plays = fs_plays_of(p);

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.model import Array, checked
-from flexstage.hysteresis.models.play import fixed, play_columns, rising
+from flexstage.hysteresis.model import Array, checked, fixed, rising
 from flexstage.hysteresis.models.play_model import (
     THRESHOLD,
     PlayModel,
@@ -20,6 +19,7 @@ from flexstage.hysteresis.models.play_model import (
     sum_numbers,
     terms,
 )
+from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.source_code import HysteresisCode, code_of, tunable_of
 
 
@@ -43,8 +43,8 @@ class Preisach(PlayModel):
     trace) and congruent minor loops (between the same two inputs they differ by a shift only), to
     which the Preisach model is equivalent (Mayergoyz 1986, Phys. Rev. Lett. 56:1518). Asymmetric
     and saturating loops are within it. Loops that drift or change their shape with the output are
-    not, nor is creep. Below the first knot and above the last, the functions go on with their
-    outermost slopes, which is an extrapolation.
+    not, nor is creep. Below the first knot and above the last, the functions are extrapolated
+    with their outermost slopes.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class Preisach(PlayModel):
         object.__setattr__(self, "gain", checked(self.gain, "gain"))
 
     def play_terms(self) -> Sum:
-        # The outermost slopes go on, so only the knots between them matter.
+        # The outermost slopes are extrapolated, so only the inner knots matter.
         return terms(self.gain, self.thresholds, self.knots[1:-1], self.slopes)
 
 

@@ -11,13 +11,13 @@ from flexstage.hysteresis import Dahl, PrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
+from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.identification.faults import butterfly, clipped, without_spikes
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.model_fit import fit_data
-from flexstage.hysteresis.identification.zero_changes import zero_changes
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
 
@@ -53,7 +53,7 @@ def found_in(u, y, model="preisach", chain=CHAIN, **more):
 
 
 def kinds(found):
-    return [f.kind for f in found.verdict.findings]
+    return [f.kind for f in found.quality.findings]
 
 
 U = drive()
@@ -143,7 +143,7 @@ def test_four_spikes_change_neither_stroke_nor_delay_nor_creep():
         for f in (clean, found)
     )
     assert without == with_spikes
-    (finding,) = found.verdict.findings
+    (finding,) = found.quality.findings
     assert finding.kind == "spikes"
     assert finding.at == pytest.approx(np.array([909, 1730, 2544, 3412]) * DT)
     assert "4 samples of the output are spikes (at 4.545, 8.65, 12.72, ... s)" in finding.text
@@ -235,7 +235,7 @@ def test_clipping_is_named_with_the_value_of_the_record():
     found = measurement([record(U, -np.minimum(CLEAN, 20.0))], "u", "y")
     (finding,) = found.findings
     assert finding.kind == "clipping"
-    assert "stays at -20 um" in finding.text
+    assert "is clipped at -20 um" in finding.text
 
 
 # ------------------------------------------------------------------------------------- butterfly
@@ -264,9 +264,9 @@ def test_no_model_fits_a_butterfly():
     t = np.arange(3000) * DT
     u = 21.0 + 73.0 * np.sin(2.0 * np.pi * 0.47 * t)
     found = found_in(u, polarised(u), chain=ChainValues())
-    assert not found.verdict.fits
+    assert not found.quality.fits
     assert kinds(found) == ["butterfly"]
-    assert found.warnings[0].startswith("nothing here fits: the best model leaves")
+    assert found.warnings[0].startswith("no model fits: the smallest residual is")
     assert "keep the drive voltage unipolar" in found.warnings[1]
     even = 83.0 * np.sin(2.0 * np.pi * 0.47 * t)
     with pytest.raises(RecordError, match="butterfly loop: the output turns back"):
@@ -276,10 +276,10 @@ def test_no_model_fits_a_butterfly():
 # --------------------------------------------------------------------------------- jump and drift
 
 
-def changes(*records, chain=CHAIN):
-    """What is found of the zero of some records, by a chain that may be wrong."""
+def shifts(*records, chain=CHAIN):
+    """Baseline shifts of records, by a chain that may be wrong."""
     m = measurement([record(u, y) for u, y in records], "u", "y")
-    return zero_changes(fit_data(m, chain))
+    return baseline_shifts(fit_data(m, chain))
 
 
 def jumped(place, share, u=U, y=CLEAN):
@@ -289,11 +289,14 @@ def jumped(place, share, u=U, y=CLEAN):
 @pytest.mark.parametrize(("share", "place"), [(0.02, 3550), (-0.05, 4801), (0.2, 3777)])
 def test_a_jump_of_the_zero_is_placed(share, place):
     found = found_in(U, jumped(place, share))
-    (jump,) = found.verdict.findings
+    (jump,) = found.quality.findings
     assert jump.kind == "jump"
     assert jump.at[0] == pytest.approx(place * DT, abs=3.0 * DT)
     assert jump.size == pytest.approx(share * STROKE, rel=0.1)
-    assert f"at {jump.at[0]:.6g} s and stays there" in found.warnings[int(not found.verdict.fits)]
+    assert (
+        f"at {jump.at[0]:.6g} s and keeps the new level"
+        in found.warnings[int(not found.quality.fits)]
+    )
 
 
 #: What a search makes of a record with a jump: creep at its limit, none, a spectrum.
@@ -309,7 +312,7 @@ MISLED = (
 @pytest.mark.parametrize("chain", MISLED)
 @pytest.mark.parametrize(("share", "place"), [(0.005, 2700), (-0.01, 1903), (0.01, 5460)])
 def test_a_small_jump_is_found_whatever_was_taken_for_creep(share, place, chain):
-    (jump,) = changes((U, jumped(place, share)), chain=chain)
+    (jump,) = shifts((U, jumped(place, share)), chain=chain)
     assert (jump.kind, jump.record) == ("jump", 0)
     assert jump.at[0] == pytest.approx(place * DT, abs=3.0 * DT)
     assert jump.size == pytest.approx(share * STROKE, rel=0.35)
@@ -318,7 +321,7 @@ def test_a_small_jump_is_found_whatever_was_taken_for_creep(share, place, chain)
 def test_a_jump_stands_out_of_much_noise():
     """What is left without the jump is white, and each of its samples counts."""
     y = jumped(677, 2.0 / STROKE) + np.random.default_rng(4).normal(0.0, 0.5, U.size)
-    (jump,) = changes((U[:1200], y[:1200]))
+    (jump,) = shifts((U[:1200], y[:1200]))
     assert jump.at[0] == pytest.approx(677 * DT, abs=3.0 * DT)
     assert jump.size == pytest.approx(2.0, rel=0.1)
 
@@ -327,7 +330,7 @@ def test_a_jump_is_found_between_two_rates():
     fast = drive(2500, rate_hz=6.1)
     u = np.concatenate((U[:3500], fast))
     y = stack(u)
-    (jump,) = changes((u, jumped(3300, 0.02, u, y)), chain=MISLED[2])
+    (jump,) = shifts((u, jumped(3300, 0.02, u, y)), chain=MISLED[2])
     assert jump.at[0] == pytest.approx(3300 * DT, abs=3.0 * DT)
     assert jump.percent == pytest.approx(2.0, rel=0.15)
 
@@ -335,7 +338,7 @@ def test_a_jump_is_found_between_two_rates():
 def test_a_jump_belongs_to_its_record():
     other = drive(4000, rate_hz=0.7)
     y = stack(other, seed=3)
-    (jump,) = changes((U, CLEAN), (other, jumped(2345, -0.02, other, y)))
+    (jump,) = shifts((U, CLEAN), (other, jumped(2345, -0.02, other, y)))
     assert (jump.kind, jump.record) == ("jump", 1)
     assert jump.at[0] == pytest.approx(2345 * DT, abs=3.0 * DT)
 
@@ -349,12 +352,12 @@ def test_what_has_no_jump_shows_none():
         wander = np.convolve(white, np.exp(-np.arange(800) / 150.0), mode="same")
         bowed = np.interp(np.arange(u.size), np.arange(0, 3001, 150), rng.normal(size=21))
         for extra in (wander / wander.std(), bowed * np.sin(0.05 * u) * 2.0):
-            assert changes((u, CLEAN[:3000] + 0.1 * extra)) == []
+            assert shifts((u, CLEAN[:3000] + 0.1 * extra)) == []
 
 
 def test_two_jumps_are_two():
     y = jumped(1500, 0.02) - jumped(4000, 0.014) + CLEAN
-    found = changes((U, y))
+    found = shifts((U, y))
     assert [f.at[0] for f in found] == pytest.approx([1500 * DT, 4000 * DT], abs=4.0 * DT)
     assert [f.percent for f in found] == pytest.approx([2.0, -1.4], abs=0.2)
 
@@ -362,15 +365,15 @@ def test_two_jumps_are_two():
 def test_a_jump_that_the_input_makes_is_no_jump_of_the_zero():
     stepped = 2.0 + 0.4 * (U - 2.0) + np.where(np.arange(U.size) >= 2500, 60.0, 0.0)
     y = stack(stepped)
-    assert changes((stepped, jumped(2500, 0.02, stepped, y))) == []
-    assert changes((stepped, jumped(2300, 0.02, stepped, y))) != []
+    assert shifts((stepped, jumped(2500, 0.02, stepped, y))) == []
+    assert shifts((stepped, jumped(2300, 0.02, stepped, y))) != []
 
 
 def test_drift_is_named_and_fitted():
     speed = 0.2
     y = CLEAN + speed * TIME
     blind = found_in(U, y)
-    (drift,) = blind.verdict.findings
+    (drift,) = blind.quality.findings
     assert drift.kind == "drift"
     assert drift.size == pytest.approx(speed * TIME[-1], rel=0.25)
     assert "--drift" in drift.text
@@ -387,7 +390,7 @@ def test_drift_is_named_and_fitted():
 @pytest.mark.parametrize("share", [0.015, -0.03])
 def test_a_small_drift_is_told_from_creep(share, chain):
     y = CLEAN + share * STROKE * np.linspace(0.0, 1.0, U.size)
-    (drift,) = changes((U, y), chain=chain)
+    (drift,) = shifts((U, y), chain=chain)
     assert drift.kind == "drift"
     # what had settled before the record is known as badly
     assert drift.percent == pytest.approx(100.0 * share, abs=0.9)
@@ -412,7 +415,7 @@ def test_creep_behind_a_large_step_is_neither_jump_nor_drift(creep):
     u[t >= 20.0] = U[t < 10.0]
     free = virtual_stack((0.0, 120.0), 38.0, 0.13).simulate(u).values
     y = creep.simulate(free, DT).values + np.random.default_rng(1).normal(0.0, NOISE, u.size)
-    assert changes((u, y)) == []
+    assert shifts((u, y)) == []
 
 
 def test_clean_records_show_nothing():
@@ -420,8 +423,8 @@ def test_clean_records_show_nothing():
     for model, seed in (("preisach", 1), ("dahl", 2)):
         found = found_in(u, stack(u, seed), model=model)
         assert kinds(found) == []
-        assert found.verdict.fits
-        assert found.verdict.line_percent > 2.0
+        assert found.quality.fits
+        assert found.quality.line_percent > 2.0
 
 
 def test_noise_is_nothing_that_a_model_should_explain():
@@ -430,4 +433,4 @@ def test_noise_is_nothing_that_a_model_should_explain():
     loud = y + np.random.default_rng(6).normal(0.0, 1.6, u.size)
     found = found_in(u, loud, model="dahl", chain=ChainValues())
     assert found.rms_percent > 3.0
-    assert found.verdict.fits
+    assert found.quality.fits

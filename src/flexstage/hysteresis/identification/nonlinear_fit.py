@@ -1,0 +1,438 @@
+"""Nonlinear fits: by variable projection, or by damped Gauss-Newton steps from a simpler model."""
+
+import itertools
+from abc import abstractmethod
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.hysteresis.identification.cycles import RecordSection
+from flexstage.hysteresis.identification.model_fit import (
+    FitData,
+    FitResult,
+    ModelFit,
+    behind_chain,
+    coarse,
+    equations,
+    residual,
+)
+from flexstage.hysteresis.identification.projection import Normal, Solution, residual_square, solve
+from flexstage.hysteresis.model import HysteresisModel
+
+#: Number of points of the coarse grid with a local search.
+_LOCAL_SEARCHES = 3
+#: Distance from an optimum of the costs for the optimum of fewer samples, and largest distance of
+#: that.
+_ABOUT = 0.025
+_NEAR = 0.06
+#: Step of finite differences, relative to each parameter.
+_STEP = 1e-4
+#: Fields of models that are set and not fitted.
+_NOT_FITTED = ("exponent", "lowest_input", "highest_input", "input_range")
+
+#: Largest number of steps of a refinement.
+_ITERATIONS = 25
+#: The search ends when a step reduces the sum of squares by less than this share, ...
+_CONVERGED = 1e-5
+#: ... or this share if it began at the optimum of more samples.
+_CONVERGED_NEAR = 1e-4
+#: Step of the finite differences of a Jacobian, over the scale of the parameter.
+_JACOBIAN_STEP = 1e-5
+
+
+class SearchedFit(ModelFit):
+    """A model that is linear in all but a few parameters.
+
+    For given values of the few, the others follow from linear least squares, and the residual is a
+    function of the few alone (variable projection: G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10
+    (1973) 413). They are scaled to run from 0 to 1.
+    """
+
+    #: Points of the coarse search along each searched parameter.
+    grid: ClassVar[tuple[int, ...]]
+    #: True for linear parameters that may be negative, shape (m,); None if none may be.
+    free: ClassVar[NDArray[np.bool_] | None] = None
+    #: A quadratic form of the linear parameters, per sample; None for none.
+    penalty: ClassVar[Array | None] = None
+
+    @abstractmethod
+    def columns(self, section: RecordSection, place: Array, data: FitData) -> Array:
+        """Return the quasi-static output per unit of each linear parameter, shape (n, m)."""
+
+    @abstractmethod
+    def build(self, place: Array, coefficients: Array, data: FitData) -> HysteresisModel:
+        """Return the model of these parameters."""
+
+    def project(self, place: Array, data: FitData) -> tuple[Solution, list[Array], Array]:
+        """Find the linear parameters for values of the searched ones.
+
+        Returned: the linear parameters, their columns behind the chain, and the residual over the
+        stroke.
+        """
+        every = [self.columns(s, place, data) for s in data.sections]
+        behind = behind_chain(every, data)
+        solution = self._solution(equations(behind, data))
+        return solution, behind, residual(behind, solution, data) / data.stroke
+
+    def _solution(self, normal: Normal) -> Solution:
+        smoothing = None if self.penalty is None else normal.count * self.penalty
+        return solve(normal, free=self.free, smoothing=smoothing)
+
+    def fit(self, data: FitData, start: Array | None = None) -> FitResult:
+        place = (
+            self._global_minimum(data)
+            if start is None
+            else self._best_minimum([np.asarray(start)], data)
+        )
+        model = self.build(place, self.project(place, data)[0].coefficients, data)
+        names, values, jacobian = _sensitivities(model, data)
+        inner = np.all((place > 1e-3) & (place < 1.0 - 1e-3))
+        notes = () if inner else ("a parameter reached the limit of its search range",)
+        return FitResult(
+            model=model, search=place, names=names, values=values, jacobian=jacobian, notes=notes
+        )
+
+    def _global_minimum(self, data: FitData) -> Array:
+        """Search a grid on a short record, and refine the best point on the full record."""
+        key = f"{self.kind} minimum"
+        # the generalised model begins with the minimum of the plain one
+        if key in data.memo and data.memo[key][0] is data.use:
+            return data.memo[key][1]
+        lines = [(np.arange(n) + 0.5) / n for n in self.grid]
+        points = [np.array(point) for point in itertools.product(*lines)]
+        short = coarse(data)
+        order = np.argsort([self._cost(point, short) for point in points])
+        place = self._best_minimum([points[i] for i in order[:_LOCAL_SEARCHES]], data)
+        data.memo[key] = data.use, place
+        return place
+
+    def _best_minimum(self, begins: list[Array], data: FitData) -> Array:
+        """Minimise from points on a short record, and from the best minimum on the full record."""
+        short = coarse(data)
+        ends = [self._minimise(begin, short, 1e-4) for begin in begins]
+        best = min(ends, key=lambda place: self._cost(place, short))
+        return self._minimise(best, data, 1e-9)
+
+    def refit(self, data: FitData, optimum: Array) -> FitResult:
+        place, solution = self._shifted_minimum(optimum, data)
+        return FitResult(model=self.build(place, solution.coefficients, data), search=place)
+
+    def _shifted_minimum(self, start: Array, data: FitData) -> tuple[Array, Solution]:
+        """Find the optimum of these samples from that of more samples.
+
+        The first step is that of a parabola through costs about the start, whose columns are
+        computed once for all held-out parts; further steps are by the slope at the new place. If
+        they lead far or uphill, as along a valley, a search follows.
+        """
+        points = _stencil(start)
+        costs = []
+        for point in points:
+            normal = self._cached_columns(point, data)[1]
+            costs.append(residual_square(normal, solve(normal, free=self.free)))
+        slope, bend = _parabola(np.array(costs), start.size)
+        place = _downhill(points[0], slope, bend)
+        for _ in range(place.size):
+            place = _downhill(place, self._slope(place, data), bend)
+        solution, _, left = self.project(place, data)
+        behind, normal = self._cached_columns(start, data)
+        before = residual(behind, self._solution(normal), data) / data.stroke
+        near = np.max(np.abs(place - start)) <= _NEAR
+        if near and left @ left <= before @ before:
+            return place, solution
+        place = self._minimise(start, data, 1e-6)
+        return place, self.project(place, data)[0]
+
+    def _cached_columns(self, place: Array, data: FitData) -> tuple[list[Array], Normal]:
+        """Columns behind the chain at a place, cached, and their equations."""
+        key = f"{self.kind} at {place.tolist()}"
+        if key not in data.memo:
+            quasi = [self.columns(s, place, data) for s in data.sections]
+            data.memo[key] = behind_chain(quasi, data)
+        return data.memo[key], equations(data.memo[key], data, key)
+
+    def _slope(self, place: Array, data: FitData) -> Array:
+        """Change of the cost over the stencil's width with each searched parameter.
+
+        At the best linear parameters, their own changes have no effect.
+        """
+        solution, behind, left = self.project(place, data)
+        x, sections = solution.coefficients, data.sections
+        slope = np.empty(place.size)
+        for k in range(place.size):
+            other = place.copy()
+            other[k] += _STEP if place[k] < 0.5 else -_STEP
+            # column by column, as the effect of the start is not linear in their sum
+            shifted = behind_chain([self.columns(s, other, data) for s in sections], data)
+            change = np.concatenate(
+                [((m - c) @ x)[u] for m, c, u in zip(shifted, behind, data.use, strict=True)]
+            )
+            slope[k] = -2.0 * _ABOUT * float(left @ change) / (other[k] - place[k])
+        return slope * data.stroke
+
+    def _cost(self, place: Array, data: FitData) -> float:
+        left = self.project(place, data)[2]
+        return float(left @ left)
+
+    def _minimise(self, begin: Array, data: FitData, tolerance: float) -> Array:
+        minimum = least_squares(
+            lambda place: self.project(place, data)[2],
+            np.clip(begin, 1e-6, 1.0 - 1e-6),
+            bounds=(0.0, 1.0),
+            diff_step=1e-5,
+            x_scale=1.0,
+            xtol=tolerance,
+            ftol=tolerance,
+            gtol=1e-12,
+            max_nfev=60,
+        )
+        return np.asarray(minimum.x, dtype=np.float64)
+
+
+def _stencil(centre: Array) -> list[Array]:
+    """Places that determine a parabola: the centre, one to each side, and one for each pair."""
+    middle = np.clip(centre, _ABOUT, 1.0 - _ABOUT)
+    sides = _ABOUT * np.eye(centre.size)
+    pairs = [a + b for a, b in itertools.combinations(sides, 2)]
+    return [middle, *(middle + sides), *(middle - sides), *(middle + pair for pair in pairs)]
+
+
+def _parabola(costs: Array, size: int) -> tuple[Array, Array]:
+    """Slope and curvature over the width of the stencil of the parabola through its costs."""
+    here, up, down = costs[0], costs[1 : 1 + size], costs[1 + size : 1 + 2 * size]
+    bend = np.diag(up - 2.0 * here + down)
+    pairs = itertools.combinations(range(size), 2)
+    for (j, k), cost in zip(pairs, costs[1 + 2 * size :], strict=True):
+        bend[j, k] = bend[k, j] = cost - up[j] - up[k] + here
+    return 0.5 * (up - down), bend
+
+
+def _downhill(place: Array, slope: Array, bend: Array) -> Array:
+    """Minimum of a parabola; without a step along valleys that have no minimum."""
+    values, vectors = np.linalg.eigh(bend)
+    rising = values > 1e-9 * max(float(values.max()), 1e-300)
+    way = np.where(rising, vectors.T @ slope / np.where(rising, values, 1.0), 0.0)
+    step = _ABOUT * np.clip(vectors @ way, -3.0, 3.0)
+    return np.clip(place - step, 1e-6, 1.0 - 1e-6)
+
+
+def _sensitivities(model: HysteresisModel, data: FitData) -> tuple[tuple[str, ...], Array, Array]:
+    """Derivatives of the output by each number of the model, at the rows in use."""
+    names, values, columns = [], [], []
+    for name, value, element in _numbers(model):
+        step = _STEP * abs(value)
+        ends = [_with(model, name, value + sign * step, element) for sign in (1.0, -1.0)]
+        derivatives = []
+        for s in data.sections:
+            up, down = (m.simulate(s.u).values for m in ends)
+            derivatives.append(((up - down) / (2.0 * step))[:, None])
+        names.append(name if element is None else f"{name}[{element}]")
+        values.append(value)
+        columns.append(
+            np.concatenate(
+                [
+                    c[use, 0]
+                    for c, use in zip(behind_chain(derivatives, data), data.use, strict=True)
+                ]
+            )
+        )
+    return tuple(names), np.array(values), np.column_stack(columns)
+
+
+def _numbers(model: HysteresisModel) -> Iterator[tuple[str, float, int | None]]:
+    """Yield each fitted number of a model: field, value, and index of the element of an array.
+
+    The covariance needs all of them, also those of arrays, as their errors are correlated.
+    """
+    for name, value in model.parameters().items():
+        if name in _NOT_FITTED:
+            continue
+        if isinstance(value, float) and value != 0.0:
+            yield name, value, None
+        elif isinstance(value, np.ndarray):
+            for i in np.flatnonzero(value):
+                yield name, float(value[i]), int(i)
+
+
+def _with(model: HysteresisModel, name: str, number: float, element: int | None) -> HysteresisModel:
+    """Return the model with another number in a field, or in an element of an array there."""
+    changed: Any = number
+    if element is not None:
+        changed = getattr(model, name).copy()
+        changed[element] = number
+    return replace(model, **{name: changed})  # type: ignore[type-var]
+
+
+class RefinedFit(ModelFit):
+    """A model with bounded parameters that is refined from a good start.
+
+    Each step solves the linearised problem, damped, with the bounds (Levenberg 1944; Marquardt
+    1963; the bounds by non-negative least squares), in the output and behind the chain, so that
+    the columns contain no noise of the output.
+    """
+
+    #: Penalty on parameters that differ from their neighbours: a quadratic form of the parameters
+    #: over their scales, per sample and per square of the stroke, shape (k, k); None for none.
+    penalty: ClassVar[Array | None] = None
+
+    @abstractmethod
+    def begin(self, data: FitData) -> Array:
+        """Return the first parameters of the search."""
+
+    @abstractmethod
+    def build(self, parameters: Array, data: FitData) -> HysteresisModel:
+        """Return the model of these parameters; a ModelError if they are invalid."""
+
+    @abstractmethod
+    def bounds(self, data: FitData) -> tuple[Array, Array]:
+        """Return lower bounds, minus infinity for none, and scales of a step."""
+
+    def fit(self, data: FitData, start: Array | None = None) -> FitResult:
+        begin = self.begin(data) if start is None else np.asarray(start)
+        begin, _ = self._descend(begin, coarse(data), None)
+        p, J = self._descend(begin, data, self._cached_jacobian(begin, data))
+        data.memo[self._key(p)] = J
+        low, _ = self.bounds(data)
+        return FitResult(
+            model=self.build(p, data), search=p, jacobian=self._active(J, p, low, data)
+        )
+
+    def refit(self, data: FitData, optimum: Array) -> FitResult:
+        p, _ = self._descend(optimum, data, self._cached_jacobian(optimum, data))
+        return FitResult(model=self.build(p, data), search=p)
+
+    def _key(self, p: Array) -> str:
+        return f"{self.kind} at {p.tolist()}"
+
+    def _cached_jacobian(self, p: Array, data: FitData) -> list[Array]:
+        """Jacobian at a place, cached from fits of more samples."""
+        if self._key(p) not in data.memo:
+            data.memo[self._key(p)] = self._jacobian(p, self.bounds(data)[1], data)
+        return data.memo[self._key(p)]
+
+    def _descend(
+        self, begin: Array, data: FitData, jacobian: list[Array] | None
+    ) -> tuple[Array, list[Array]]:
+        """Go down to the optimum; return it with its Jacobian.
+
+        A known Jacobian of the beginning is used for all steps, as the optimum is near.
+        """
+        low, scale = self.bounds(data)
+        p = np.maximum(begin, low)
+        cost, behind = self._evaluate(p, data)
+        damping, J = 1e-3, self._jacobian(p, scale, data) if jacobian is None else jacobian
+        for _ in range(_ITERATIONS):
+            trial = np.maximum(_step(p, behind, J, low, scale, damping, self.penalty, data), low)
+            try:
+                new, new_behind = self._evaluate(trial, data)
+            except ModelError:  # invalid parameters
+                new, new_behind = np.inf, behind
+            if new >= cost:
+                # near the optimum, a step without a reduction is the last
+                damping *= 8.0
+                if damping > (1e8 if jacobian is None else 1.0):
+                    break
+                continue
+            reduction = 1.0 - new / cost
+            p, cost, behind = trial, new, new_behind
+            damping = max(damping / 4.0, 1e-9)
+            if reduction < (_CONVERGED if jacobian is None else _CONVERGED_NEAR):
+                break
+            if jacobian is None:
+                J = self._jacobian(p, scale, data)
+        return p, J
+
+    def _evaluate(self, p: Array, data: FitData) -> tuple[float, list[Array]]:
+        model = self.build(p, data)
+        behind = behind_chain([model.simulate(s.u).values[:, None] for s in data.sections], data)
+        left = _residual(behind, data)
+        rough = 0.0
+        if self.penalty is not None:
+            scaled = p / self.bounds(data)[1]
+            rough = left.size * float(scaled @ self.penalty @ scaled)
+        return float(left @ left) + rough, behind
+
+    def _jacobian(self, p: Array, scale: Array, data: FitData) -> list[Array]:
+        """Derivatives of the output by each parameter over its scale, at the rows."""
+        quasi = [self.changes(p, scale, section, data) for section in data.sections]
+        return behind_chain(quasi, data)
+
+    def changes(self, p: Array, scale: Array, section: RecordSection, data: FitData) -> Array:
+        """Return derivatives of the quasi-static output by parameters over their scales, (n, k).
+
+        By finite differences here.
+        """
+        base = self.build(p, data).simulate(section.u).values
+        derivatives = np.empty((section.u.size, p.size), order="F")
+        for j in range(p.size):
+            shifted = p.copy()
+            shifted[j] += _JACOBIAN_STEP * scale[j]
+            derivatives[:, j] = (
+                self.build(shifted, data).simulate(section.u).values - base
+            ) / _JACOBIAN_STEP
+        return derivatives
+
+    def _active(self, J: list[Array], p: Array, low: Array, data: FitData) -> Array:
+        inside = np.flatnonzero(p > low)
+        return np.concatenate([c[np.ix_(u, inside)] for c, u in zip(J, data.use, strict=True)])
+
+
+def _residual(behind: list[Array], data: FitData) -> Array:
+    """Residual of the output over the stroke, with the best offset."""
+    residuals = []
+    for c, s, r, use in zip(behind, data.sections, data.rows, data.use, strict=True):
+        at = r.at[use]
+        error = s.y[at] - c[use, 0]
+        coefficients = (
+            np.linalg.lstsq(s.nuisance[at], error, rcond=None)[0] if at.size else np.zeros(0)
+        )
+        residuals.append(error - s.nuisance[at] @ coefficients if at.size else error)
+    return np.concatenate(residuals) / data.stroke
+
+
+def _step(
+    p: Array,
+    behind: list[Array],
+    J: list[Array],
+    low: Array,
+    scale: Array,
+    damping: float,
+    penalty: Array | None,
+    data: FitData,
+) -> Array:
+    """Return the parameters that the damped, linearised problem with bounds gives."""
+    free = np.isinf(low)
+    # z = (p - low) / scale for bounded parameters; free ones are counted from their present value
+    base = np.where(free, p, low)
+    z0 = (p - base) / scale
+    target = [
+        s.y[r.at] - c[:, 0] + j @ z0
+        for s, r, c, j in zip(data.sections, data.rows, behind, J, strict=True)
+    ]
+    normal = equations(J, data.with_output(target))
+    weight = damping * np.diag(normal.gram)[: p.size]
+    gram = normal.gram.copy()
+    gram[np.arange(p.size), np.arange(p.size)] += weight
+    right = normal.right.copy()
+    right[: p.size] += weight * z0
+    if penalty is not None:
+        smoothing = penalty * normal.count * data.stroke**2
+        gram[: p.size, : p.size] += smoothing
+        right[: p.size] -= smoothing @ (base / scale)
+    solution: Solution = solve(replace(normal, gram=gram, right=right), free=free)
+    return base + scale * solution.coefficients
+
+
+def roughness(*groups: int) -> Array:
+    """Return the quadratic form of second differences within groups of neighbours."""
+    form, first = np.zeros((sum(groups), sum(groups))), 0
+    for count in groups:
+        differences = np.diff(np.eye(count), 2, axis=0) if count > 2 else np.zeros((0, count))
+        form[first : first + count, first : first + count] = differences.T @ differences
+        first += count
+    return form
