@@ -236,7 +236,7 @@ def usual_motion(
 
 
 def _repeated(motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
-    from flexstage.control.trajectory_shapes import sine, triangle
+    from flexstage.control.trajectory import sine, triangle
 
     make = sine if motion.shape == "sine" else triangle
     values = (motion.centre, motion.amplitude, motion.rate_hz, motion.sample_rate_hz)
