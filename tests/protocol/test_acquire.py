@@ -16,7 +16,7 @@ from flexstage.base.errors import (
     RecordError,
 )
 from flexstage.instruments.protocol import Signal, Waveform
-from flexstage.instruments.record_run import record_blow, record_now, run_moves, run_waveform
+from flexstage.instruments.record_run import record_impact, record_now, run_moves, run_waveform
 from tests.simple_instrument import GAINS, SCREW, SimpleInstrument
 
 X = Signal(kind="position", source="x", name="x")
@@ -223,7 +223,7 @@ def test_a_blow_is_recorded() -> None:
     instrument = SimpleInstrument()
     force = Signal(kind="force", source="x", name="force", unit="N")
     motion = Signal(kind="response", source="x", name="response")
-    record = record_blow(instrument, "x", [force, motion], 10e3, 4000)
+    record = record_impact(instrument, "x", [force, motion], 10e3, 4000)
     assert record.channel("force").values.max() == pytest.approx(21.0, rel=2e-3)
     assert instrument.log[-2:] == ["arm", "strike x"]
     assert record.channel("force").unit == "N"

@@ -53,7 +53,7 @@ def excite(
     if stage is None:
         made = excitation(request=request)
     else:
-        from flexstage.experiments.excitations.cycles import excitation_of
+        from flexstage.experiments.excitations import excitation_of
 
         made = excitation_of(taken.stage(stage), request, axis)
     if out is not None:

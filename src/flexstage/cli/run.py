@@ -60,7 +60,7 @@ def run(
     file = find_plan(plan)
     wanted = read_plan(file)
     own = taken.stage(stage if stage is not None else stage_source(wanted, file.parent))
-    wanted.chosen(request.only)
+    wanted.selected(request.only)
     if dry_run:
         from flexstage.experiments import dry_run as tried
 

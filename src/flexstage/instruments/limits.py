@@ -69,21 +69,21 @@ def check_waveform(
     if cycles < 0:
         raise LimitError(f"a waveform runs a number of cycles from 0 (endlessly) up, got {cycles}")
     quantity = waveform.quantity
-    for axis, given in waveform.values.items():
+    for axis, values in waveform.values.items():
         if axis not in limits:
             raise LimitError(
                 f"the waveform moves axis '{axis}', and the instrument has "
                 f"{', '.join(map(repr, limits)) or 'none'}: name one of these"
             )
-        own, v = limits[axis], np.asarray(given, dtype=np.float64)
+        allowed, v = limits[axis], np.asarray(values, dtype=np.float64)
         if quantity == "voltage":
-            _require_voltage(own, axis)
-        _check_samples(own, v, axis, waveform)
-        _check_slopes(own, v, axis, waveform)
+            _require_voltage(allowed, axis)
+        _check_samples(allowed, v, axis, waveform)
+        _check_slopes(allowed, v, axis, waveform)
         if cycles != 1:
-            _check_jump(own, float(v[0] - v[-1]), axis, waveform)
+            _check_jump(allowed, float(v[0] - v[-1]), axis, waveform)
         if start is not None and axis in start:
-            _check_start(own, float(start[axis]), float(v[0]), axis, waveform, tolerance)
+            _check_start(allowed, float(start[axis]), float(v[0]), axis, waveform, tolerance)
 
 
 def range_of(limits: AxisLimits, quantity: Quantity) -> tuple[float, float] | None:
@@ -166,20 +166,25 @@ def _check_jump(limits: AxisLimits, step: float, axis: str, waveform: Waveform) 
 
 
 def _check_start(
-    limits: AxisLimits, stands: float, first: float, axis: str, waveform: Waveform, more: float
+    limits: AxisLimits,
+    present: float,
+    first: float,
+    axis: str,
+    waveform: Waveform,
+    tolerance: float,
 ) -> None:
     rate, quantity = rate_of(limits, waveform.quantity), waveform.quantity
-    if not math.isfinite(stands):
+    if not math.isfinite(present):
         raise LimitError(
-            f"the {quantity} of axis '{axis}' reads {stands}, so its distance from the first "
+            f"the {quantity} of axis '{axis}' reads {present}, so its distance from the first "
             "sample of the waveform is unknown: check its sensor and cable"
         )
     if rate is None:
         return
-    allowed = rate * (1.0 + _ROUNDING) / waveform.sample_rate_hz + more
-    if abs(first - stands) > allowed:
+    allowed = rate * (1.0 + _ROUNDING) / waveform.sample_rate_hz + tolerance
+    if abs(first - present) > allowed:
         raise LimitError(
-            f"axis '{axis}' is at {_text(stands, quantity)} and the waveform begins at "
+            f"axis '{axis}' is at {_text(present, quantity)} and the waveform begins at "
             f"{_text(first, quantity)}: at most {_text(allowed, quantity)} may lie between, so "
             "move it there first"
         )

@@ -52,7 +52,7 @@ def stage_lock(
     lock_file, note = _files(serial_number, directory)
     mend = "set FLEXSTAGE_STATE to a directory on a local disk that can be written"
     other = "give the stage its own serial number if it is another one"
-    with _held(lock_file, note, f"stage '{serial_number}'", mend, other, timeout=timeout):
+    with _locked(lock_file, note, f"stage '{serial_number}'", mend, other, timeout=timeout):
         yield lock_file
 
 
@@ -65,12 +65,12 @@ def folder_lock(folder: Path) -> Iterator[None]:
     lock_file = folder / ".lock"
     mend = "choose a folder on a local disk that can be written"
     what = f"the run in '{folder}'"
-    with _held(lock_file, folder / ".lock.json", what, mend, "choose another folder"):
+    with _locked(lock_file, folder / ".lock.json", what, mend, "choose another folder"):
         yield
 
 
 @contextmanager
-def _held(
+def _locked(
     lock_file: Path, note: Path, what: str, mend: str, other: str, *, timeout: float = 0.0
 ) -> Iterator[None]:
     from filelock import FileLock, Timeout
@@ -81,7 +81,7 @@ def _held(
         lock = FileLock(lock_file, thread_local=False)
         lock.acquire(timeout=timeout, poll_interval=0.02)
     except Timeout:
-        raise NotConnectedError(_taken(what, note, other)) from None
+        raise NotConnectedError(_in_use(what, note, other)) from None
     except (OSError, NotImplementedError) as error:
         raise ModelError(
             f"the lock of {what} cannot be made in {lock_file.parent}: {error}; {mend}"
@@ -96,12 +96,12 @@ def _held(
 
 
 @contextmanager
-def instrument_lock(instrument: Instrument, name: str, *, held: str = "") -> Iterator[None]:
+def instrument_lock(instrument: Instrument, name: str, *, locked_as: str = "") -> Iterator[None]:
     """Hold the stage at an instrument by its name; one that is simulated needs no lock.
 
     Nothing is done where this program holds the stage already, under the name `held`.
     """
-    if instrument.identity.simulated or name == held:
+    if instrument.identity.simulated or name == locked_as:
         yield
         return
     with stage_lock(name):
@@ -143,11 +143,11 @@ def _read(note: Path) -> Holder | None:
     return None
 
 
-def _taken(what: str, note: Path, other: str) -> str:
-    who = _read(note)
-    by = (
+def _in_use(what: str, note: Path, other: str) -> str:
+    holder = _read(note)
+    program = (
         "another program, which has not said its name"
-        if who is None
-        else f"'{who.program}' (process {who.pid} on {who.host}, since {who.since})"
+        if holder is None
+        else f"'{holder.program}' (process {holder.pid} on {holder.host}, since {holder.since})"
     )
-    return f"{what} is in use by {by}: end that program first, or {other}"
+    return f"{what} is in use by {program}: end that program first, or {other}"

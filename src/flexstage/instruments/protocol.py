@@ -344,8 +344,8 @@ class Instrument(Protocol):
         ...
 
     def __repr__(self) -> str:
-        said = self.identity
-        number = f" no. {said.serial_number}" if said.serial_number else ""
-        kind = "simulated " if said.simulated and "simulated" not in said.model else ""
+        identity = self.identity
+        number = f" no. {identity.serial_number}" if identity.serial_number else ""
+        kind = "simulated " if identity.simulated and "simulated" not in identity.model else ""
         axes = ", ".join(self.axes)
-        return f"<{kind}{said.vendor} {said.model}{number}, axes {axes or 'none'}>"
+        return f"<{kind}{identity.vendor} {identity.model}{number}, axes {axes or 'none'}>"

@@ -150,11 +150,11 @@ def _here(axis: MotionAxis, quantity: Quantity) -> float:
     )
 
 
-def _is_there(limits: AxisLimits, here: float, wanted: float, quantity: Quantity) -> bool:
+def _is_there(limits: AxisLimits, value: float, target: float, quantity: Quantity) -> bool:
     # On the scale of the range; exactly where there is none.
     bounds = range_of(limits, quantity)
     span = bounds[1] - bounds[0] if bounds is not None else 0.0
-    return abs(here - wanted) <= _THERE * span
+    return abs(value - target) <= _THERE * span
 
 
 def _led(limits: AxisLimits, value: float, quantity: Quantity) -> float:

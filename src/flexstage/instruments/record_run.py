@@ -121,7 +121,7 @@ def record_now(
     return run.record()
 
 
-def record_blow(
+def record_impact(
     instrument: Instrument,
     axis: str,
     signals: Sequence[Signal],
@@ -167,10 +167,10 @@ def run_moves(
     for position in positions:
         check_position(mover.limits, position, axis)
     parts: list[Record] = []
-    done = 0
+    count = 0
     for k, position in enumerate(positions):
         with progress.subtask(k / len(positions), (k + 1) / len(positions)):
-            run = RecordedRun(instrument, signals, writer, first=done, command=float(position))
+            run = RecordedRun(instrument, signals, writer, first=count, command=float(position))
             with run.stopping():
                 mover.move_to(float(position))
                 instrument.pause(_SETTLE)
@@ -178,7 +178,7 @@ def run_moves(
                 instrument.recorder.start()
                 run.read()
             parts.append(run.record())
-            done += parts[-1].size
+            count += parts[-1].size
     rate = parts[0].sample_rate_hz
     return Record(
         channels=tuple(
@@ -188,7 +188,7 @@ def run_moves(
             )
             for c in parts[0].channels
         ),
-        time=np.arange(done) / rate,
+        time=np.arange(count) / rate,
         source=parts[0].source,
         notes=(*parts[0].notes, "the motion from place to place is left out of the time"),
         attributes=parts[0].attributes,
@@ -234,17 +234,17 @@ class RecordedRun:
                 f"{len(self.signals)} are asked for: record them in several runs"
             )
         for _ in range(2):
-            wanted = samples(rate)
-            if wanted < 2:
-                raise ModelError(f"a record has 2 samples or more, got {wanted}")
-            if wanted > recorder.capacity:
+            count = samples(rate)
+            if count < 2:
+                raise ModelError(f"a record has 2 samples or more, got {count}")
+            if count > recorder.capacity:
                 raise LimitError(
-                    f"the record would have {wanted} samples, and the instrument keeps "
-                    f"{recorder.capacity}: record at {rate * recorder.capacity / wanted:.4g} Hz or "
+                    f"the record would have {count} samples, and the instrument keeps "
+                    f"{recorder.capacity}: record at {rate * recorder.capacity / count:.4g} Hz or "
                     "slower, or for a shorter time"
                 )
-            self.rate, self.samples = recorder.configure(self.signals, rate, wanted), wanted
-            if samples(self.rate) == wanted:
+            self.rate, self.samples = recorder.configure(self.signals, rate, count), count
+            if samples(self.rate) == count:
                 return
             rate = self.rate
 
@@ -257,10 +257,10 @@ class RecordedRun:
             self.instrument.stop()
             if not isinstance(error, NotConnectedError):
                 raise
-            kept = "were read and not kept" if self.writer is None else "are safe with the writer"
+            fate = "were read and not kept" if self.writer is None else "are safe with the writer"
             of = f", of {self.first + self.samples}" if self.samples else ""
             raise NotConnectedError(
-                f"{error}; {self.first + self.done} samples {kept}{of}"
+                f"{error}; {self.first + self.done} samples {fate}{of}"
             ) from error
 
     def read(self, timeout: float | None = None) -> None:
@@ -274,10 +274,10 @@ class RecordedRun:
         step = min(max(expected / 50.0, 0.01), 0.25)
         waited = 0.0
         while True:
-            there = min(recorder.available(), goal)
+            available = min(recorder.available(), goal)
             # A record has two samples at least: a single one waits for its neighbour.
-            if there - self.done >= 2 or (there == goal and there > self.done):
-                self._take(there)
+            if available - self.done >= 2 or (available == goal and available > self.done):
+                self._take(available)
             if self.done >= goal:
                 return
             if waited > most:
@@ -308,20 +308,22 @@ class RecordedRun:
             },
         )
 
-    def _take(self, there: int) -> None:
-        first = min(self.done, there - 2)
-        found = self.instrument.recorder.read(first, there - first)
+    def _take(self, available: int) -> None:
+        first = min(self.done, available - 2)
+        portion = self.instrument.recorder.read(first, available - first)
         columns = {
-            s.name: np.asarray(found.channel(s.name).values, dtype=np.float64)[self.done - first :]
+            s.name: np.asarray(portion.channel(s.name).values, dtype=np.float64)[
+                self.done - first :
+            ]
             for s in self.signals
         }
-        if wrong := [n for n, v in columns.items() if v.size != there - self.done]:
+        if wrong := [n for n, v in columns.items() if v.size != available - self.done]:
             raise ControllerError(
-                f"samples {self.done} to {there - 1} of '{wrong[0]}' were asked for, and "
+                f"samples {self.done} to {available - 1} of '{wrong[0]}' were asked for, and "
                 f"{columns[wrong[0]].size} came: what was read before them is whole"
             )
         bad = ~np.isfinite(np.array(list(columns.values())))
-        good = int(np.argmax(bad.any(axis=0))) if bad.any() else there - self.done
+        good = int(np.argmax(bad.any(axis=0))) if bad.any() else available - self.done
         self._keep({n: v[:good] for n, v in columns.items()}, good)
         if bad.any():
             which = int(np.argmax(bad[:, good]))

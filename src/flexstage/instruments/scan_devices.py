@@ -75,8 +75,8 @@ class MotionStatus:
 
 
 def _key(instrument: Instrument, unit: str) -> dict[str, Any]:
-    said = instrument.identity
-    source = " ".join(w for w in (said.vendor, said.model, said.serial_number) if w)
+    identity = instrument.identity
+    source = " ".join(w for w in (identity.vendor, identity.model, identity.serial_number) if w)
     return {"source": source, "dtype": "number", "shape": [], "units": unit}
 
 

@@ -137,15 +137,15 @@ class TcpLink(Transport):
         self._host, self._port, self._timeout = host, port, timeout
         self.name = f"{host}:{port}"
         try:
-            made = socket.create_connection((host, port), timeout=timeout)
+            link = socket.create_connection((host, port), timeout=timeout)
         except (OSError, OverflowError, UnicodeError) as error:
             raise NotConnectedError(
                 f"cannot connect to {host} port {port}: {_reason(error)}; is the controller (or "
                 "'flexstage twin') switched on, and is the address right?"
             ) from error
-        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        self._socket: socket.socket | None = made
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self._socket: socket.socket | None = link
 
     def send(self, data: bytes) -> None:
         link = self._open()
@@ -219,14 +219,16 @@ class SerialLink(Transport):
 
         self.name = port
         try:
-            made = serial.serial_for_url(port, baudrate=baud, timeout=0.0, write_timeout=timeout)
+            port_object = serial.serial_for_url(
+                port, baudrate=baud, timeout=0.0, write_timeout=timeout
+            )
         except (OSError, ValueError) as error:
             raise NotConnectedError(
                 f"cannot open the serial port {port} at {baud} bit/s: {error}; is the cable in, "
                 "and may you use the port?"
             ) from error
-        made.reset_input_buffer()
-        self._serial: serial.Serial | None = made
+        port_object.reset_input_buffer()
+        self._serial: serial.Serial | None = port_object
 
     def send(self, data: bytes) -> None:
         port = self._open()

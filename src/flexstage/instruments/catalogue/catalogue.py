@@ -135,11 +135,11 @@ class Catalogue:
         """Return whether a database has the tables of this version; refuse all but an empty one."""
         there = set(inspect(connection).get_table_names())
         if VERSIONS.name in there:
-            found = connection.scalar(select(VERSIONS.c.version))
-            if found != VERSION:
+            version = connection.scalar(select(VERSIONS.c.version))
+            if version != VERSION:
                 raise RecordError(
-                    f"the catalogue {self.address} is of version {found}, and this flexstage reads "
-                    f"and writes version {VERSION} only: use the flexstage that made it, or "
+                    f"the catalogue {self.address} is of version {version}, and this flexstage "
+                    f"reads and writes version {VERSION} only: use the flexstage that made it, or "
                     "enter the runs anew, by 'flexstage runs add FOLDER --catalogue URL' with an "
                     "empty database or a new file"
                 )
@@ -174,8 +174,8 @@ class Catalogue:
         """Enter a run, or what is new of one that was entered before; say whether it is new."""
 
         def work(connection: Connection) -> bool:
-            asked = select(RUNS.c.id).where(RUNS.c.identifier == entry.identifier)
-            return _enter(connection, RUNS, entry, asked)
+            existing = select(RUNS.c.id).where(RUNS.c.identifier == entry.identifier)
+            return _enter(connection, RUNS, entry, existing)
 
         return self.write(work)
 
@@ -197,86 +197,92 @@ class Catalogue:
         """
 
         def work(connection: Connection) -> bool:
-            asked = select(MODELS.c.id).where(MODELS.c.file == entry.file)
+            existing = select(MODELS.c.id).where(MODELS.c.file == entry.file)
             of = RUNS.c.identifier == entry.run if entry.run else MODELS.c.run_id.is_(None)
-            return _enter(connection, MODELS, entry, asked.outerjoin_from(MODELS, RUNS).where(of))
+            return _enter(
+                connection, MODELS, entry, existing.outerjoin_from(MODELS, RUNS).where(of)
+            )
 
         self.write(work)
 
     def stages(self) -> list[StageEntry]:
         """Return all stages, by name and serial number."""
-        asked = question(STAGES).order_by(STAGES.c.name, STAGES.c.serial_number, STAGES.c.id)
-        return self._entries(StageEntry, STAGES, asked)
+        query = question(STAGES).order_by(STAGES.c.name, STAGES.c.serial_number, STAGES.c.id)
+        return self._entries(StageEntry, STAGES, query)
 
-    def runs(self, request: RunsRequest | None = None, **asked: Any) -> list[RunEntry]:
+    def runs(self, request: RunsRequest | None = None, **options: Any) -> list[RunEntry]:
         """Return runs, the latest first.
 
         Fields of `RunsRequest` may be named in place of those of a request, and any other field of
         `RunEntry` that has one value: ``axis="x", status="failed"``.
         """
-        own = request_fields(RunsRequest)
-        values = {RUNS.c[n]: asked.pop(n) for n in tuple(asked) if n in RUNS.c and n not in own}
-        request = request_of(RunsRequest, request, asked)
+        request_names = request_fields(RunsRequest)
+        values = {
+            RUNS.c[n]: options.pop(n)
+            for n in tuple(options)
+            if n in RUNS.c and n not in request_names
+        }
+        request = request_of(RunsRequest, request, options)
         values.setdefault(RUNS.c.kind, request.test)
-        found = _where(_of_stage(RUNS, request), values)
+        query = _where(_of_stage(RUNS, request), values)
         if request.since is not None:
-            found = found.where(RUNS.c.started >= request.since)
-        found = found.order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(request.limit)
-        return self._entries(RunEntry, RUNS, found)
+            query = query.where(RUNS.c.started >= request.since)
+        query = query.order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(request.limit)
+        return self._entries(RunEntry, RUNS, query)
 
     def run(self, identifier: str) -> RunEntry:
         """Return a run by its identifier, or the beginning of it that no other has."""
-        wanted = identifier.strip().lower()
-        if not wanted or not set(wanted) <= set("0123456789abcdef"):
+        prefix = identifier.strip().lower()
+        if not prefix or not set(prefix) <= set("0123456789abcdef"):
             raise RecordError(
                 "a run is named by the beginning of its identifier, hexadecimal digits such as "
                 f"3f9a, got '{identifier[:40]}'"
             )
-        asked = question(RUNS).where(RUNS.c.identifier.startswith(wanted)).limit(3)
-        found = self._entries(RunEntry, RUNS, asked)
-        if len(found) == 1:
-            return found[0]
-        if found:
+        query = question(RUNS).where(RUNS.c.identifier.startswith(prefix)).limit(3)
+        entries = self._entries(RunEntry, RUNS, query)
+        if len(entries) == 1:
+            return entries[0]
+        if entries:
             raise RecordError(
-                f"the identifiers of several runs begin with '{wanted}', such as "
-                f"{found[0].identifier} and {found[1].identifier}: give more digits"
+                f"the identifiers of several runs begin with '{prefix}', such as "
+                f"{entries[0].identifier} and {entries[1].identifier}: give more digits"
             )
         raise RecordError(
-            f"no run of the catalogue has an identifier that begins with '{wanted}': list them "
+            f"no run of the catalogue has an identifier that begins with '{prefix}': list them "
             "with 'flexstage runs'"
         )
 
     def calibrations(
-        self, request: CalibrationsRequest | None = None, **asked: Any
+        self, request: CalibrationsRequest | None = None, **options: Any
     ) -> list[CalibrationEntry]:
         """Return calibrations, the latest first.
 
         Of each only the one that is valid at a time, where given: the latest that began before.
         Fields of `CalibrationsRequest` may be named in place of those of a request.
         """
-        request = request_of(CalibrationsRequest, request, asked)
+        request = request_of(CalibrationsRequest, request, options)
         at = request.valid_at
-        rows = _where(_of_stage(CALIBRATIONS, request), {CALIBRATIONS.c.what: request.what})
+        query = _where(_of_stage(CALIBRATIONS, request), {CALIBRATIONS.c.what: request.what})
         if at is not None:
-            rows = rows.where(CALIBRATIONS.c.valid_from <= at)
-        rows = rows.order_by(CALIBRATIONS.c.valid_from.desc(), CALIBRATIONS.c.id.desc())
-        found = self._entries(CalibrationEntry, CALIBRATIONS, rows)
+            query = query.where(CALIBRATIONS.c.valid_from <= at)
+        query = query.order_by(CALIBRATIONS.c.valid_from.desc(), CALIBRATIONS.c.id.desc())
+        entries = self._entries(CalibrationEntry, CALIBRATIONS, query)
         if at is None:
-            return found
-        holding: dict[tuple[str, str, str], CalibrationEntry] = {}
-        for entry in found:
-            holding.setdefault((entry.stage.name, entry.stage.serial_number, entry.what), entry)
-        return list(holding.values())
+            return entries
+        valid: dict[tuple[str, str, str], CalibrationEntry] = {}
+        for entry in entries:
+            valid.setdefault((entry.stage.name, entry.stage.serial_number, entry.what), entry)
+        return list(valid.values())
 
     def models(self, *, run: str | None = None) -> list[ModelEntry]:
         """Return models, the latest first; `run` is the identifier of the one they come from."""
-        asked = _where(question(MODELS), {RUNS.c.identifier: run})
-        asked = asked.order_by(MODELS.c.created.desc(), MODELS.c.id.desc())
-        return self._entries(ModelEntry, MODELS, asked)
+        query = _where(question(MODELS), {RUNS.c.identifier: run})
+        query = query.order_by(MODELS.c.created.desc(), MODELS.c.id.desc())
+        return self._entries(ModelEntry, MODELS, query)
 
-    def _entries(self, kind: type[Entry], table: Table, asked: Select[Any]) -> list[Entry]:
+    def _entries(self, kind: type[Entry], table: Table, query: Select[Any]) -> list[Entry]:
         return self.read(
-            lambda connection: [entry_of(kind, table, row) for row in connection.execute(asked)]
+            lambda connection: [entry_of(kind, table, row) for row in connection.execute(query)]
         )
 
 
@@ -286,20 +292,20 @@ def _of_stage(table: Table, request: OfStage) -> Select[Any]:
     return _where(question(table), stage)
 
 
-def _where(asked: Select[Any], wanted: Mapping[Any, Any]) -> Select[Any]:
+def _where(query: Select[Any], values: Mapping[Any, Any]) -> Select[Any]:
     """Narrow a question to columns of given values; None stands for any."""
-    return asked.where(*(c == value for c, value in wanted.items() if value is not None))
+    return query.where(*(c == value for c, value in values.items() if value is not None))
 
 
-def _enter(connection: Connection, table: Table, entry: Any, asked: Select[Any]) -> bool:
+def _enter(connection: Connection, table: Table, entry: Any, existing: Select[Any]) -> bool:
     """Enter what replaces the row that is asked for, if there is one; say whether it is new."""
     values = values_of(connection, table, entry)
-    found = connection.scalar(asked)
-    if found is None:
+    number = connection.scalar(existing)
+    if number is None:
         connection.execute(insert(table).values(values))
     else:
-        connection.execute(update(table).where(table.c.id == found).values(values))
-    return found is None
+        connection.execute(update(table).where(table.c.id == number).values(values))
+    return number is None
 
 
 @contextmanager
@@ -320,5 +326,5 @@ def _telling(address: str) -> Iterator[None]:
 
 
 def _reason(error: SQLAlchemyError) -> str:
-    said = str(error.orig if isinstance(error, DBAPIError) else error).strip().splitlines()
-    return (said or [type(error).__name__])[0].strip()[:200]
+    lines = str(error.orig if isinstance(error, DBAPIError) else error).strip().splitlines()
+    return (lines or [type(error).__name__])[0].strip()[:200]

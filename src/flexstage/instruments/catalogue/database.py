@@ -118,7 +118,7 @@ def _clean(text: str) -> str:
 
 
 #: How a field of an entry is kept, by its type, and whether it may be empty.
-_KEPT: dict[Any, tuple[Any, bool]] = {
+_COLUMN_OF: dict[Any, tuple[Any, bool]] = {
     str: (CleanText, False),
     RunStatus: (CleanText, False),
     float: (Double, False),
@@ -149,8 +149,8 @@ def _table(name: str, kind: type[Any], *rules: Any) -> Table:
         elif f.name == "run":
             columns.append(Column("run_id", ForeignKey("runs.id")))
         else:
-            how, empty = _KEPT[f.type]
-            columns.append(Column(f.name, how, nullable=empty))
+            column_type, empty = _COLUMN_OF[f.type]
+            columns.append(Column(f.name, column_type, nullable=empty))
     return Table(name, METADATA, *columns, *rules)
 
 
@@ -179,15 +179,15 @@ def question(table: Table) -> Select[Any]:
 
 def entry_of(kind: type[Entry], table: Table, row: Row[Any]) -> Entry:
     """Return the entry that a row of an answer to `question` holds."""
-    given = row._mapping
+    columns = row._mapping
     values: dict[str, Any] = {}
     for f in fields(kind):
         if f.name in table.c:
-            values[f.name] = given[table.c[f.name]]
+            values[f.name] = columns[table.c[f.name]]
         elif f.type is StageEntry:
             values[f.name] = entry_of(StageEntry, STAGES, row)
         else:
-            values[f.name] = given[RUNS.c.identifier] or ""
+            values[f.name] = columns[RUNS.c.identifier] or ""
     return kind(**values)
 
 
@@ -203,27 +203,27 @@ def values_of(connection: Connection, table: Table, entry: Any) -> dict[str, Any
 
 def _stage_id(connection: Connection, entry: StageEntry) -> int | None:
     values = values_of(connection, STAGES, entry)
-    said = json.dumps([_clean(text) for text in values.values()])
-    digest = hashlib.sha256(said.encode()).hexdigest()
-    asked = select(STAGES.c.id).where(STAGES.c.digest == digest)
-    found = connection.scalar(asked)
-    if found is None:
+    content = json.dumps([_clean(text) for text in values.values()])
+    digest = hashlib.sha256(content.encode()).hexdigest()
+    query = select(STAGES.c.id).where(STAGES.c.digest == digest)
+    number = connection.scalar(query)
+    if number is None:
         connection.execute(insert(STAGES).values(**values, digest=digest))
-        found = connection.scalar(asked)
-    return found
+        number = connection.scalar(query)
+    return number
 
 
 def _run_id(connection: Connection, identifier: str) -> int | None:
     """Return the number of a run; None where the identifier is empty."""
     if not identifier:
         return None
-    found = connection.scalar(select(RUNS.c.id).where(RUNS.c.identifier == identifier))
-    if found is None:
+    number = connection.scalar(select(RUNS.c.id).where(RUNS.c.identifier == identifier))
+    if number is None:
         raise RecordError(
             f"run {identifier[:40]} is not in the catalogue: enter it first, with 'flexstage runs "
             "add FOLDER'"
         )
-    return found
+    return number
 
 
 #: Option of a connection that is going to write.

@@ -59,9 +59,9 @@ def open_address(
     (True, (-150.0, 150.0))
     """
     options = _parts(address)[1]
-    asked = flag(options, "simulated", False, address)
-    reason = "" if asked else driver_found()
-    simulated = asked or bool(reason)
+    requested = flag(options, "simulated", False, address)
+    reason = "" if requested else driver_found()
+    simulated = requested or bool(reason)
     if setup is None:
         setup = setup_of_address(address, stage, axes=axes, simulated=simulated)
     elif unfit := sorted((set(options) | set(axes or ())) - {"simulated", "seed"}):
@@ -71,7 +71,7 @@ def open_address(
         )
     if not simulated:
         return NiAcquisition(setup, DaqmxBackend(), stage=stage)
-    note = "simulated card, as asked for: nothing was measured" if asked else (
+    note = "simulated card, as asked for: nothing was measured" if requested else (
         f"simulated card, since {reason}: nothing was measured"
     )  # fmt: skip
     return NiAcquisition(setup, _simulated(setup, stage, options, address, note), stage=stage)
@@ -107,21 +107,21 @@ def setup_of_address(
     (('Dev2/ai4', 2e-06, 'rse'), (-3e-06, 'rse', (-5.0, 5.0)))
     """
     device, options = _parts(address)
-    known = [] if stage is None else [a.name for a in stage.axes]
-    wires = _wires(address, {**options, **(axes or {})}, known)
+    axis_names = [] if stage is None else [a.name for a in stage.axes]
+    wires = _wires(address, {**options, **(axes or {})}, axis_names)
     drives = [name for name, (output, _) in wires.items() if output]
     if not drives:
         raise ModelError(
             f"the address {address!r} names no axis: add its output and input, such as 'x=ao0,ai0'"
         )
-    chosen = _Chosen(address, options, sensors=list(wires), drives=drives)
+    values = _AddressOptions(address, options, sensors=list(wires), drives=drives)
     if not simulated:
-        chosen.require("sensitivity", wires, "what sensor '{}' reads for a volt", "10um/V")
-        chosen.require("amplifier", drives, "the gain of the amplifier of axis '{}'", "15")
+        values.require("sensitivity", wires, "what sensor '{}' reads for a volt", "10um/V")
+        values.require("amplifier", drives, "the gain of the amplifier of axis '{}'", "15")
     return NiSetup(
         device=device,
         inputs=tuple(
-            _sensor(chosen, name, f"{device}/{wire}", driven=bool(output))
+            _sensor(values, name, f"{device}/{wire}", driven=bool(output))
             for name, (output, wire) in wires.items()
         ),
         outputs=tuple(
@@ -129,17 +129,17 @@ def setup_of_address(
                 channel=f"{device}/{wires[axis][0]}",
                 axis=axis,
                 sensor=axis,
-                gain=chosen.read("amplifier", axis, _number, 1.0),
-                offset=chosen.read("bias", axis, _volts, 0.0),
-                standing=chosen.read("standing", axis, _volts, None),
+                gain=values.read("amplifier", axis, _number, 1.0),
+                offset=values.read("bias", axis, _volts, 0.0),
+                standing=values.read("standing", axis, _volts, None),
             )
             for axis in drives
         ),
-        output_rate_hz=chosen.read("rate", "", lambda text: parse(text, "frequency"), 10e3),
+        output_rate_hz=values.read("rate", "", lambda text: parse(text, "frequency"), 10e3),
     )
 
 
-class _Chosen:
+class _AddressOptions:
     """The options of an address: of all sensors or drives, or of one by its name."""
 
     def __init__(
@@ -179,18 +179,18 @@ class _Chosen:
             raise ModelError(f"'{key}' in the address {self._address!r}: {error}") from None
 
 
-def _sensor(chosen: _Chosen, name: str, channel: str, *, driven: bool) -> SensorInput:
+def _sensor(values: _AddressOptions, name: str, channel: str, *, driven: bool) -> SensorInput:
     read = _metres if driven else _gain
-    gain, unit = chosen.read("sensitivity", name, read, read(_SENSITIVITY))
+    gain, unit = values.read("sensitivity", name, read, read(_SENSITIVITY))
     quantity = {"m": "length", "rad": "angle", "N": "force"}[unit]
     return SensorInput(
         channel=channel,
         name=name,
         unit=unit,
         gain=gain,
-        offset=chosen.read("offset", name, lambda text: parse(text, quantity), 0.0),
-        voltage_range=chosen.read("range", name, _range, (-10.0, 10.0)),
-        terminal=chosen.read("terminal", name, _terminal, "default"),
+        offset=values.read("offset", name, lambda text: parse(text, quantity), 0.0),
+        voltage_range=values.read("range", name, _range, (-10.0, 10.0)),
+        terminal=values.read("terminal", name, _terminal, "default"),
     )
 
 
@@ -245,7 +245,7 @@ def _wires(
     address: str, options: Mapping[str, str], axes: Sequence[str]
 ) -> dict[str, tuple[str, str]]:
     """Return output and input by axis, and behind them the inputs of sensors without a drive."""
-    found = {axis: (f"ao{k}", f"ai{k}") for k, axis in enumerate(axes)}
+    wired = {axis: (f"ao{k}", f"ai{k}") for k, axis in enumerate(axes)}
     known = (*_OF_CARD, *_OF_SENSOR, *_OF_DRIVE)
     alone: dict[str, tuple[str, str]] = {}
     for name, text in options.items():
@@ -265,8 +265,8 @@ def _wires(
                 f"the address {address!r} must name an output and an input for '{name}', such as "
                 f"'{name}=ao0,ai0', got {text!r}"
             )
-        found[name] = (wires[0], wires[1])
-    return found | alone
+        wired[name] = (wires[0], wires[1])
+    return wired | alone
 
 
 def _simulated(
@@ -277,8 +277,8 @@ def _simulated(
     wiring: dict[str, dict[str, float]] = {}
     for drive in setup.outputs:
         low, high = drive.drive_range
-        if stage is not None and (own := stage_limits(stage, drive.axis).voltage) is not None:
-            low, high = max(low, own[0]), min(high, own[1])
+        if stage is not None and (of_stage := stage_limits(stage, drive.axis).voltage) is not None:
+            low, high = max(low, of_stage[0]), min(high, of_stage[1])
         sensor = setup.inputs[setup.number(drive.sensor) - 1]
         reach = 0.8 * min(sensor.voltage_range[1], -sensor.voltage_range[0])
         reach = reach if reach > 0.0 else 0.8 * sensor.voltage_range[1]

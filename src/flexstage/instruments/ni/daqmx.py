@@ -245,12 +245,12 @@ class DaqmxBackend(NiBackend):
     def _task(self, *, keep: bool = False) -> Iterator[Any]:
         """Make a task, and close it after the block; one to `keep` only where the block fails."""
         task = self._ni.Task()
-        whole = False
+        complete = False
         try:
             yield task
-            whole = True
+            complete = True
         finally:
-            if not (keep and whole):
+            if not (keep and complete):
                 task.close()
 
     @contextmanager
@@ -266,8 +266,8 @@ class DaqmxBackend(NiBackend):
             ) from error
         except errors.DaqError as error:
             code = int(error.error_code)
-            meant = SENTENCES.get(code, str(error).splitlines()[0].rstrip("."))
-            message = f"NI-DAQmx refuses {what} with error {code}: {meant}"
+            meaning = SENTENCES.get(code, str(error).splitlines()[0].rstrip("."))
+            message = f"NI-DAQmx refuses {what} with error {code}: {meaning}"
             if code in GONE:
                 raise NotConnectedError(message) from error
             raise ControllerError(message, code) from error
@@ -293,10 +293,10 @@ class _Input:
     def read(self, count: int) -> Array:
         data = np.zeros((self._channels, count))
         with self._backend._sentences("the inputs"):
-            found = self._reader.read_many_sample(
+            count_read = self._reader.read_many_sample(
                 data, number_of_samples_per_channel=count, timeout=_TIMEOUT
             )
-        return data[:, :found]
+        return data[:, :count_read]
 
     def close(self) -> None:
         with self._backend._sentences("the inputs"):

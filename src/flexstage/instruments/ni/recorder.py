@@ -45,7 +45,7 @@ class NiRecorder(Recorder):
         if setup.outputs:
             self._require_rate(usual)
         #: Time from one sensor's conversion to the next one's [s], as of `InputTask`.
-        self.interval = self._kept_timing(min(usual, self.base_rate_hz))[1]
+        self.interval = self._actual_timing(min(usual, self.base_rate_hz))[1]
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
         for signal in signals:
@@ -57,9 +57,9 @@ class NiRecorder(Recorder):
         changes = self._setup.output_rate_hz if self._setup.outputs else rate_hz
         divider = max(math.ceil(changes / rate_hz * (1.0 - 1e-9)), 1)
         divider = max(min(divider, math.floor(self.base_rate_hz / rate_hz)), 1)
-        kept, self.interval = self._kept_timing(rate_hz * divider)
+        clock_rate, self.interval = self._actual_timing(rate_hz * divider)
         self._signals, self._samples, self._divider = tuple(signals), samples, divider
-        self._rate = kept / divider
+        self._rate = clock_rate / divider
         return self._rate
 
     def arm(self) -> None:
@@ -81,7 +81,7 @@ class NiRecorder(Recorder):
                 f"{self.available()} are there"
             )
         k = np.arange(first, first + count, dtype=np.int64)
-        volts = self._kept(first, count)
+        volts = self._samples_at(first, count)
         return Record(
             channels=tuple(
                 Channel(name=s.name, values=self._values(s, volts, k), unit=self._unit(s))
@@ -100,7 +100,7 @@ class NiRecorder(Recorder):
             return None
         return self._task, self._started
 
-    def given(self, voltages: Mapping[str, Array], first: bool) -> None:
+    def note_voltages(self, voltages: Mapping[str, Array], first: bool) -> None:
         """Keep the voltages by axis [V], shape (n,), that are put out from now on.
 
         They go with the clock of the record, and where they are its `first`, it starts with them.
@@ -119,12 +119,12 @@ class NiRecorder(Recorder):
         task = self._task  # another thread may end the record
         if task is None or not self._started or (count := task.available()) == 0:
             return
-        found = task.read(count)
-        self._latest = found[:, -1]
+        samples = task.read(count)
+        self._latest = samples[:, -1]
         lead = -self._ticks % self._divider
-        self._ticks += found.shape[1]
+        self._ticks += samples.shape[1]
         if self._size < self._samples:
-            self._parts.append(found[:, lead :: self._divider])
+            self._parts.append(samples[:, lead :: self._divider])
 
     def rest(self) -> None:
         """Give the inputs free when all samples are there and no output needs their clock."""
@@ -166,7 +166,7 @@ class NiRecorder(Recorder):
                 f"{self._card.rate_limit(len(self._setup.inputs))}, got {rate_hz!r} Hz"
             )
 
-    def _kept_timing(self, rate_hz: float) -> tuple[float, float]:
+    def _actual_timing(self, rate_hz: float) -> tuple[float, float]:
         """Rate and interval of conversions that the card keeps for a rate."""
         task = self._backend.open_input(self._setup.inputs, rate_hz, 1000)
         try:
@@ -186,18 +186,18 @@ class NiRecorder(Recorder):
         )
         return self._task
 
-    def _kept(self, first: int, count: int) -> Array:
+    def _samples_at(self, first: int, count: int) -> Array:
         if len(self._parts) > 1:
             self._parts = [np.hstack(self._parts)]
         return self._parts[0][:, first : first + count]
 
     def _values(self, signal: Signal, volts: Array, k: Numbers) -> Array:
         if signal.kind == "voltage":
-            return self._given_at(signal.source, k * self._divider)
+            return self._voltages_at(signal.source, k * self._divider)
         number = self._source(signal)
         return self._setup.inputs[number - 1].reading(volts[number - 1])
 
-    def _given_at(self, axis: str, ticks: Numbers) -> Array:
+    def _voltages_at(self, axis: str, ticks: Numbers) -> Array:
         out = np.empty(ticks.size)
         for tick, values in self._voltages[axis]:  # the first of them begins at 0
             later = ticks >= tick

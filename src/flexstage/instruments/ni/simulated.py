@@ -95,12 +95,12 @@ class SimulatedBackend(NiBackend):
         if self._input is not None:
             raise ControllerError("the inputs are reserved by a record", -50103)
         now = np.array([self.now])
-        return np.array([self._given(d.channel, now)[0] for d in outputs])
+        return np.array([self._voltages(d.channel, now)[0] for d in outputs])
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> "_Input":
         # a timebase of 100 MHz is divided by a whole number
-        kept = 1e8 / max(math.floor(1e8 / rate_hz * (1.0 + 1e-12)), 1)
-        self._input = _Input(self, inputs, kept, buffer)
+        rate = 1e8 / max(math.floor(1e8 / rate_hz * (1.0 + 1e-12)), 1)
+        self._input = _Input(self, inputs, rate, buffer)
         return self._input
 
     def open_output(
@@ -133,17 +133,17 @@ class SimulatedBackend(NiBackend):
         for k, sensor in enumerate(inputs):
             out[k] = self._at_rest.get(sensor.channel, 0.0)
             for channel, gain in self._wiring.get(sensor.channel, {}).items():
-                out[k] += gain * self._given(channel, time + k * interval)
+                out[k] += gain * self._voltages(channel, time + k * interval)
             if self._noise:
                 out[k] += self._noise * self._rng.standard_normal(time.size)
             np.clip(out[k], *sensor.voltage_range, out=out[k])
         return out
 
-    def _given(self, channel: str, time: Array) -> Array:
+    def _voltages(self, channel: str, time: Array) -> Array:
         standing = self._standing.get(channel, 0.0)
         if self._output is None or channel not in self._output.channels:
             return np.full(time.size, standing)
-        return self._output.given(channel, time, standing)
+        return self._output.voltages(channel, time, standing)
 
     def _call(self) -> None:
         self.now += _CALL
@@ -168,7 +168,7 @@ class _Input:
         self.rate_hz, self.begin = rate, math.inf
         fastest = min(1.0 / _RATE + _SETTLING, 1.0 / (rate * len(inputs)))
         self.interval = 0.0 if owner.simultaneous or len(inputs) == 1 else fastest
-        self._kept = np.empty((len(inputs), 0))
+        self._samples = np.empty((len(inputs), 0))
         self._sampled = 0
 
     def start(self) -> None:
@@ -181,22 +181,22 @@ class _Input:
         total = 0 if until < 0.0 else math.floor(until * self.rate_hz + 1e-6) + 1
         if total > self._sampled:
             time = self.begin + np.arange(self._sampled, total) / self.rate_hz
-            self._kept = np.hstack(
-                [self._kept, self._owner.read_at(self._inputs, time, self.interval)]
+            self._samples = np.hstack(
+                [self._samples, self._owner.read_at(self._inputs, time, self.interval)]
             )
             self._sampled = total
 
     def available(self) -> int:
         self._owner._call()
         self.sample()
-        if self._kept.shape[1] > self._buffer:
+        if self._samples.shape[1] > self._buffer:
             raise ControllerError(
                 "samples were overwritten before they were read: read more often", -200279
             )
-        return self._kept.shape[1]
+        return self._samples.shape[1]
 
     def read(self, count: int) -> Array:
-        out, self._kept = self._kept[:, :count], self._kept[:, count:]
+        out, self._samples = self._samples[:, :count], self._samples[:, count:]
         return out
 
     def close(self) -> None:
@@ -240,7 +240,7 @@ class _Output:
         passed = np.where(np.isfinite(passed), passed, 0.0)
         return np.clip(np.ceil(passed - 1e-6), 0, self.volts.shape[1]).astype(np.intp)
 
-    def given(self, channel: str, time: Array, standing: float) -> Array:
+    def voltages(self, channel: str, time: Array, standing: float) -> Array:
         values = np.append(standing, self.volts[self.channels.index(channel)])
         return values[self._count(time)]
 

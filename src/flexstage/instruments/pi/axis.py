@@ -72,9 +72,9 @@ class ServoTuning:
             (self._known(_INTEGRAL), settings.integral * _MICRO),
         ]
         filters = [*self._notches(settings), *self._lowpass(settings)]
-        whole = self._line([*filters, *gains])
-        if len(whole) <= self._connection.transfer.line_limit:
-            self._connection.tell(whole)
+        one_line = self._line([*filters, *gains])
+        if len(one_line) <= self._connection.transfer.line_limit:
+            self._connection.tell(one_line)
             return
         # between two lines the loop must not run with new gains and old filters
         self._connection.tell(self._line([(key, 0.0) for key, _ in gains]))
@@ -210,7 +210,7 @@ class PiAxis(MotionAxis):
         axis = self.facts.identifier
         if self._connection.servo.get(axis) == on and self.closed_loop == on:
             return
-        self._connection.drives_back()
+        self._connection.restore_drives()
         self._connection.servo.pop(axis, None)
         self._connection.tell(f"SVO {axis} {int(on)}")
         if self.closed_loop != on:
@@ -241,7 +241,7 @@ class PiAxis(MotionAxis):
     def move_to(self, position: float, *, wait: bool = True) -> None:
         check_position(self.limits, position, self.name)
         self._require(Capability.CLOSED_LOOP)
-        self._connection.drives_back()
+        self._connection.restore_drives()
         text = self.facts.unit.text(position, self.limits.position)
         self._stops, self._target = self._client.stops, None
         self._connection.tell(f"MOV {self.facts.identifier} {text}")
@@ -257,7 +257,7 @@ class PiAxis(MotionAxis):
                 f"axis '{self.name}' is under position control, which sets its voltage: switch it "
                 "off first"
             )
-        self._connection.drives_back()
+        self._connection.restore_drives()
         self._target, self._stops = None, self._client.stops
         here = begin = self.voltage()
         while here != voltage:
@@ -372,12 +372,12 @@ class PiAxis(MotionAxis):
             return  # too small a step to tell
         allowed = _VOLT_TOLERANCE + _VOLT_SHARE * abs(here - begin)
         patience = self._connection.patience(_VOLT_TIME)
-        while not abs((there := self.voltage()) - here) <= allowed:
+        while not abs((measured := self.voltage()) - here) <= allowed:
             if patience.over():
                 raise ControllerError(
-                    f"axis '{self.name}' was sent to {here:.4g} V, and there are {there:.4g} V at "
-                    "its drive: the controller counts its open-loop commands in another unit than "
-                    "volts, or the amplifier is off; nothing more was sent"
+                    f"axis '{self.name}' was sent to {here:.4g} V, and there are {measured:.4g} V "
+                    "at its drive: the controller counts its open-loop commands in another unit "
+                    "than volts, or the amplifier is off; nothing more was sent"
                 )
             self._connection.between_questions()
         self._volts_seen = ended

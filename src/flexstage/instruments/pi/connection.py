@@ -120,13 +120,13 @@ def _parameters(lines: Sequence[str]) -> dict[int, str]:
 
     Many controllers put a tab behind the sign, too.
     """
-    found: dict[int, str] = {}
+    names: dict[int, str] = {}
     for line in lines:
         key, equals, rest = line.partition("=")
         columns = rest.removeprefix("\t").split("\t")
         if equals and re.fullmatch(r"\s*0[xX][0-9a-fA-F]+\s*", key) and len(columns) >= 5:
-            found[int(key, 16)] = columns[4].strip()
-    return found
+            names[int(key, 16)] = columns[4].strip()
+    return names
 
 
 def _recorder_options(lines: Sequence[str]) -> tuple[dict[int, str], dict[int, str]]:
@@ -137,9 +137,9 @@ def _recorder_options(lines: Sequence[str]) -> tuple[dict[int, str], dict[int, s
         if text.startswith("#"):
             current = sections.get(text.replace(" ", "").lower())
             continue
-        found = re.fullmatch(r"(\d{1,6})\s*=\s*(.*)", text)
-        if found and current is not None:
-            current[int(found[1])] = found[2]
+        match = re.fullmatch(r"(\d{1,6})\s*=\s*(.*)", text)
+        if match and current is not None:
+            current[int(match[1])] = match[2]
     return sections["#recordoptions"], sections["#triggeroptions"]
 
 
@@ -248,12 +248,12 @@ class Connection:
     def check_state(self, cause: ControllerError | None = None) -> None:
         """Compare what the controller has with what was set here; the cause gave reason to ask."""
         lost: list[str] = []
-        wanted = [axis for axis, on in self.servo.items() if on]
-        if wanted and self.profile.knows("SVO?"):
-            states = self.client.ask_values("SVO?", wanted)
+        controlled = [axis for axis, on in self.servo.items() if on]
+        if controlled and self.profile.knows("SVO?"):
+            states = self.client.ask_values("SVO?", controlled)
             lost += [
                 f"position control of its axis {axis} is off"
-                for axis, on in zip(wanted, states, strict=True)
+                for axis, on in zip(controlled, states, strict=True)
                 if not on
             ]
         if self.divider is not None and self.profile.knows("RTR?"):
@@ -272,12 +272,12 @@ class Connection:
         """Whether drives can be taken out of a simulated stage."""
         return self._numbers["drives"] is not None
 
-    def drives_back(self) -> None:
+    def restore_drives(self) -> None:
         """Put the drives of a simulated stage back in place after a blow."""
         if self._drives_out:
             self._set_drives(out=False)
 
-    def drives_away(self) -> None:
+    def remove_drives(self) -> None:
         """Take the drives of a simulated stage out, for a blow."""
         if not self._drives_out:
             self._set_drives(out=True)
@@ -303,8 +303,8 @@ class Connection:
             # in pieces, each of which is computed well before an answer is given up
             for _ in range(int(seconds / _PIECE)):
                 self.tell(f"SPA 1 0x{key:08X} {_PIECE:.6f}")
-            if rest := math.fmod(seconds, _PIECE):
-                self.tell(f"SPA 1 0x{key:08X} {rest:.6f}")
+            if remainder := math.fmod(seconds, _PIECE):
+                self.tell(f"SPA 1 0x{key:08X} {remainder:.6f}")
         else:
             self._sleep(seconds)
 
@@ -319,11 +319,11 @@ class Connection:
 
     def settings(self) -> Mapping[str, str]:
         """Return what was set, without asking."""
-        found = {f"position control of axis {a}": "on" if on else "off" for a, on in
+        texts = {f"position control of axis {a}": "on" if on else "off" for a, on in
                  self.servo.items()}  # fmt: skip
         if self.divider is not None:
-            found["record rate divider"] = str(self.divider)
-        return found
+            texts["record rate divider"] = str(self.divider)
+        return texts
 
 
 class Patience:

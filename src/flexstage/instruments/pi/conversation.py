@@ -117,10 +117,10 @@ class Conversation:
         code = self.query_error(command)
         if code:
             raise ControllerError(
-                f"the controller refused '{shown(command)}': {error_sentence(code)}", code
+                f"the controller refused '{printable(command)}': {error_sentence(code)}", code
             )
         raise NoAnswerError(
-            f"{self.name} did not answer '{shown(command)}' within {timeout:g} s, and answers "
+            f"{self.name} did not answer '{printable(command)}' within {timeout:g} s, and answers "
             "again now"
         )
 
@@ -140,8 +140,8 @@ class Conversation:
         except NoAnswerError:
             self.put_in_step("ERR?")
             raise NoAnswerError(
-                f"{self.name} did not confirm '{shown(command)}' within {self.timeout:g} s: check "
-                "the position of the stage"
+                f"{self.name} did not confirm '{printable(command)}' within {self.timeout:g} s: "
+                "check the position of the stage"
             ) from None
         try:
             return whole_number(lines[0] if len(lines) == 1 else " | ".join(lines), "ERR?")
@@ -192,7 +192,7 @@ class Conversation:
         """Drop all up to the answer to a question that has only one, or give the link up."""
         known = {q: a for q, a in self._known.items() if q != command}
         if not known:
-            raise self._break(f"{self.name} does not answer '{shown(command)}'")
+            raise self._break(f"{self.name} does not answer '{printable(command)}'")
         question, answer = next(iter(known.items()))
         self._send(question.encode("ascii") + b"\n", question)
         end = self._clock() + self.timeout
@@ -209,7 +209,7 @@ class Conversation:
                 self._receive(left)
         except NoAnswerError:
             raise self._break(
-                f"{self.name} answers neither '{shown(command)}' nor '{question}'"
+                f"{self.name} answers neither '{printable(command)}' nor '{question}'"
             ) from None
 
     def _forget(self) -> None:
@@ -230,12 +230,12 @@ class Conversation:
             )
 
 
-def shown(command: str) -> str:
+def printable(command: str) -> str:
     r"""Return a command as a sentence can show it: cut, or as the number of a character.
 
     Examples
     --------
-    >>> shown("\x18")
+    >>> printable("\x18")
     '#24'
     """
     if len(command) == 1 and not command.isprintable():
@@ -316,7 +316,7 @@ class GcsClient:
                 text = " ".join(lines).rpartition("=")[2].strip()
                 if base == 16 and not text.lower().startswith("0x"):
                     text = f"0x{text}"
-                return whole_number(text, shown(command))
+                return whole_number(text, printable(command))
             except ControllerError:
                 self._conversation.put_in_step(command)
                 raise
@@ -339,13 +339,13 @@ class GcsClient:
                 # somebody stopped the stage, and this command may have come after it
                 self.stop()
                 raise ControllerError(
-                    f"'{shown(command)}' met a stop: {error_sentence(code)}, perhaps by somebody "
-                    "else, and to be sure everything was stopped once more",
+                    f"'{printable(command)}' met a stop: {error_sentence(code)}, perhaps by "
+                    "somebody else, and to be sure everything was stopped once more",
                     code,
                 )
             if code:
                 raise ControllerError(
-                    f"the controller refused '{shown(command)}': {error_sentence(code)}", code
+                    f"the controller refused '{printable(command)}': {error_sentence(code)}", code
                 )
 
     def stop(self) -> None:

@@ -65,7 +65,7 @@ class PiRecorder(Recorder):
     ) -> None:
         self._connection, self._axes, self._channels = connection, axes, channels
         self.base_rate_hz, self.capacity, self.signals = base_rate_hz, capacity, tables
-        self._chosen: tuple[Signal, ...] = ()
+        self._signals: tuple[Signal, ...] = ()
         self._factors: tuple[float, ...] = ()
         self._samples, self._rate = 0, base_rate_hz
         self._used = tables
@@ -84,19 +84,19 @@ class PiRecorder(Recorder):
             )
         if not 0.0 < rate_hz < float("inf"):
             raise ModelError(f"the rate of a record must be positive and finite, got {rate_hz!r}")
-        told = [self._source(signal) for signal in signals]
+        sources = [self._source(signal) for signal in signals]
         divider = max(1, round(self.base_rate_hz / rate_hz))
-        for table, (source, option, _) in enumerate(told, 1):
+        for table, (source, option, _) in enumerate(sources, 1):
             self._connection.tell(f"DRC {table} {source} {option}")
         if 0 in self._connection.profile.record_options:
             # what a table recorded before, also for others, would be in the way
-            for table in range(len(told) + 1, self._used + 1):
+            for table in range(len(sources) + 1, self._used + 1):
                 self._connection.tell(f"DRC {table} 0 0")
-            self._used = len(told)
+            self._used = len(sources)
         self._connection.divider = None
         self._connection.tell(f"RTR {divider}")
         self._connection.divider = divider
-        self._chosen, self._factors = tuple(signals), tuple(t[2] for t in told)
+        self._signals, self._factors = tuple(signals), tuple(t[2] for t in sources)
         self._samples, self._rate, self._waiting = samples, self.base_rate_hz / divider, True
         return self._rate
 
@@ -122,9 +122,9 @@ class PiRecorder(Recorder):
         self._waiting = False
 
     def available(self) -> int:
-        if self._waiting or not self._chosen:
+        if self._waiting or not self._signals:
             return 0
-        tables = [str(t) for t in range(1, len(self._chosen) + 1)]
+        tables = [str(t) for t in range(1, len(self._signals) + 1)]
         counts = self._connection.client.ask_values("DRL?", tables)
         return min(self._samples, int(min(counts)))
 
@@ -142,14 +142,14 @@ class PiRecorder(Recorder):
         return Record(
             channels=tuple(
                 Channel(name=s.name, values=row * factor, unit=s.unit)
-                for s, row, factor in zip(self._chosen, values, self._factors, strict=True)
+                for s, row, factor in zip(self._signals, values, self._factors, strict=True)
             ),
             time=np.arange(first, first + count) / self._rate,
             source=self._connection.client.identity,
         )
 
     def _portion(self, start: int, rows: int) -> np.ndarray:
-        width = len(self._chosen)
+        width = len(self._signals)
         tables = " ".join(str(t) for t in range(1, width + 1))
         question = f"DRR? {start + 1} {rows} {tables}"
         lines = self._connection.client.ask(question)
@@ -179,8 +179,8 @@ class PiRecorder(Recorder):
             axis = self._axis(signal.source)
             unit, factor = "m", axis.facts.unit.factor
             if signal.kind in _PLAIN:
-                said = _BRACKETS.search(self._connection.profile.record_options[option])
-                unit, factor = said[1] if said else _PLAIN[signal.kind], 1.0
+                unit_of_option = _BRACKETS.search(self._connection.profile.record_options[option])
+                unit, factor = unit_of_option[1] if unit_of_option else _PLAIN[signal.kind], 1.0
             source = axis.facts.identifier
             if signal.kind == "voltage":
                 if axis.facts.output is None:
@@ -210,5 +210,5 @@ class PiRecorder(Recorder):
         return channel
 
     def _require_choice(self) -> None:
-        if not self._chosen:
+        if not self._signals:
             raise ModelError("nothing was chosen to be recorded: call configure first")

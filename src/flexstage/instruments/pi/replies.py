@@ -21,7 +21,7 @@ _KEY = re.compile(r"#\s*([A-Z_]+[0-9]*)\s*=\s*(.*)")
 _NO_NUMBER = re.compile(r"[+-]?(?:nan(?:\([^)]*\))?|\d*\.?#(?:QNAN|IND|SNAN)\w*)", re.IGNORECASE)
 _INFINITE = re.compile(r"([+-]?)(?:inf(?:inity)?|\d*\.?#INF\w*)", re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
-_SHOWN = 60
+_EXCERPT = 60
 
 
 def take_lines(buffer: bytearray) -> list[str]:
@@ -50,7 +50,7 @@ def number(text: str, what: str) -> float:
     (12.5, nan)
     """
     word = text.strip()
-    if len(word) <= _SHOWN and _NUMBER.fullmatch(word):
+    if len(word) <= _EXCERPT and _NUMBER.fullmatch(word):
         return float(word)
     if _NO_NUMBER.fullmatch(word):
         return math.nan
@@ -84,15 +84,15 @@ def assignments(lines: Sequence[str], names: Sequence[str], what: str) -> list[s
     >>> assignments(["1=0.5 ", "2=0.25"], ["2", "1"], "POS?")
     ['0.25', '0.5']
     """
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for line in lines:
         name, equals, value = line.rpartition("=")
-        if not equals or name.strip() in found:
+        if not equals or name.strip() in values:
             raise ControllerError(_not_an_answer(lines, names, what))
-        found[name.strip()] = value.strip()
-    if set(found) != set(names):
+        values[name.strip()] = value.strip()
+    if set(values) != set(names):
         raise ControllerError(_not_an_answer(lines, names, what))
-    return [found[name] for name in names]
+    return [values[name] for name in names]
 
 
 def parse_array(
@@ -113,9 +113,9 @@ def parse_array(
     keys: dict[str, str] = {}
     body = 0
     while body < len(lines) and lines[body].startswith("#"):
-        found = _KEY.match(lines[body].strip())
-        if found:
-            keys[found[1]] = found[2].strip()
+        match = _KEY.match(lines[body].strip())
+        if match:
+            keys[match[1]] = match[2].strip()
         body += 1
     interval = number(keys["SAMPLE_TIME"], what) if "SAMPLE_TIME" in keys else None
     values = _columns(lines[body:], keys.get("SEPARATOR", "32"), what)
@@ -128,13 +128,13 @@ def parse_array(
 
 
 def _columns(lines: Sequence[str], separator: str, what: str) -> NDArray[np.float64]:
-    divided = {"32": None, "9": "\t", "44": ",", "59": ";"}
-    if separator not in divided:
+    separators = {"32": None, "9": "\t", "44": ",", "59": ";"}
+    if separator not in separators:
         raise ControllerError(
             f"the columns of the answer to '{what}' are divided by character {excerpt(separator)}, "
             "and space, tab, comma or semicolon is known"
         )
-    words = [line.split(divided[separator]) for line in lines]
+    words = [line.split(separators[separator]) for line in lines]
     if len({len(row) for row in words}) > 1:
         raise ControllerError(
             f"the rows of the answer to '{what}' differ in length: the answer was cut"
@@ -156,7 +156,7 @@ def excerpt(text: str) -> str:
     >>> excerpt("a" * 70)[-8:]
     "aaaa'..."
     """
-    return ascii(text[:_SHOWN]) + ("..." if len(text) > _SHOWN else "")
+    return ascii(text[:_EXCERPT]) + ("..." if len(text) > _EXCERPT else "")
 
 
 def _not_an_answer(lines: Sequence[str], names: Sequence[str], what: str) -> str:

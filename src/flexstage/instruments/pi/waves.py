@@ -60,9 +60,9 @@ class PiWaves(WaveGenerator):
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
         self._check(waveform, feedforward)
         divider = self._divider(waveform.sample_rate_hz)
-        tables = self._made(waveform, 0)
+        tables = self._tables_of(waveform, 0)
         if feedforward is not None:
-            tables += self._made(feedforward, self._count)
+            tables += self._tables_of(feedforward, self._count)
         self._loaded, self._sent = None, ()
         self._connection.tell(f"WTR 0 {divider} 1")
         if self._connection.profile.knows("WOS"):
@@ -89,7 +89,7 @@ class PiWaves(WaveGenerator):
             self._check_start(waveform, name)
         generators = [str(self._index(name) + 1) for name in waveform.values]
         stops = self._connection.client.stops
-        self._connection.drives_back()
+        self._connection.restore_drives()
         self._connection.tell("WGC " + " ".join(f"{g} {cycles}" for g in generators))
         for name in waveform.values:
             self._axes[name].started()
@@ -161,14 +161,14 @@ class PiWaves(WaveGenerator):
             )
         return divider
 
-    def _made(self, waveform: Waveform, offset: int) -> tuple[_Table, ...]:
-        made = []
+    def _tables_of(self, waveform: Waveform, offset: int) -> tuple[_Table, ...]:
+        tables = []
         for name, values in waveform.values.items():
             axis = self._axes[name]
             voltage = waveform.quantity == "voltage"
             unit = VOLTS if voltage else axis.facts.unit
             bounds = range_of(axis.limits, waveform.quantity)
-            made.append(
+            tables.append(
                 _Table(
                     number=offset + axis.facts.index + 1,
                     axis=name,
@@ -176,7 +176,7 @@ class PiWaves(WaveGenerator):
                     unit=unit,
                 )
             )
-        return tuple(made)
+        return tuple(tables)
 
     def _choose(self, waveform: Waveform, feedforward: Waveform | None) -> None:
         places = {name: self._index(name) + 1 for name in waveform.values}
@@ -202,16 +202,16 @@ class PiWaves(WaveGenerator):
             rows = min(_LOOK, sent.size - place)
             question = f"GWD? {place + 1} {rows} {table.number}"
             lines = self._connection.client.ask(question)
-            held = parse_array(lines, 1, rows, question)[0][0]
-            wanted = sent[place : place + rows]
+            read = parse_array(lines, 1, rows, question)[0][0]
+            written = sent[place : place + rows]
             # it may print ten digits, or be of single precision
             allowed = _STEPS * 10.0**-table.unit.decimals + 1e-6 * float(np.max(np.abs(sent)))
-            if not np.all(np.abs(held - wanted) <= allowed):
-                k = int(np.argmax(~(np.abs(held - wanted) <= allowed)))
+            if not np.all(np.abs(read - written) <= allowed):
+                k = int(np.argmax(~(np.abs(read - written) <= allowed)))
                 self._forget(table.number)
                 raise ControllerError(
-                    f"wave table {table.number} of axis '{table.axis}' holds {held[k]:.9g} at "
-                    f"point {place + k + 1}, where {wanted[k]:.9g} was written: the controller "
+                    f"wave table {table.number} of axis '{table.axis}' holds {read[k]:.9g} at "
+                    f"point {place + k + 1}, where {written[k]:.9g} was written: the controller "
                     "counts in other units or changed the points, so the waveform is not run"
                 )
 

@@ -91,19 +91,19 @@ class StreamRecovery:
         return tuple(_notes(self))
 
 
-def _notes(found: StreamRecovery) -> Iterator[str]:
-    damaged, tail = found.damaged_bytes, found.tail_bytes
-    if not found.ended:
-        yield f"the stream was not ended by its writer: {found.samples} samples are safe"
+def _notes(recovery: StreamRecovery) -> Iterator[str]:
+    damaged, tail = recovery.damaged_bytes, recovery.tail_bytes
+    if not recovery.ended:
+        yield f"the stream was not ended by its writer: {recovery.samples} samples are safe"
         if tail:
             yield (
                 f"at its end are {tail} bytes that are no whole chunk: samples that were being "
                 "written, or were damaged, are lost there"
             )
-    if damaged > tail or (tail and found.ended):
-        inside = damaged if found.ended else damaged - tail
+    if damaged > tail or (tail and recovery.ended):
+        inside = damaged if recovery.ended else damaged - tail
         yield f"{inside} bytes inside the stream belong to no whole chunk"
-    yield from (str(part) for part in found.lost)
+    yield from (str(part) for part in recovery.lost)
 
 
 def examine(path: str | Path) -> StreamRecovery:
@@ -174,15 +174,15 @@ def _next_frame(
     while start < size:
         file.seek(start)
         block = file.read(_BLOCK)
-        for found in _MARK.finditer(block):
-            if frame_at(start + found.start()) is not None:
-                return start + found.start()
+        for mark in _MARK.finditer(block):
+            if frame_at(start + mark.start()) is not None:
+                return start + mark.start()
         # a mark may lie across the end of the block
         start += max(len(block) - len(END) + 1, 1)
     return size
 
 
-def chunks(path: Path, found: StreamRecovery) -> Iterator[tuple[int, Array]]:
+def chunks(path: Path, recovery: StreamRecovery) -> Iterator[tuple[int, Array]]:
     """Give the samples of a stream, each once: number of the first, shape (channels, n).
 
     Where samples were given twice, the ones that were written first count. Chunks that follow one
@@ -192,17 +192,17 @@ def chunks(path: Path, found: StreamRecovery) -> Iterator[tuple[int, Array]]:
     gathered: list[Array] = []
     start = following = size = 0
     with path.open("rb") as file:
-        for chunk in found.chunks:
+        for chunk in recovery.chunks:
             file.seek(chunk.position)
-            data = file.read(chunk.rows * found.head.row_size)
-            if len(data) != chunk.rows * found.head.row_size:
+            data = file.read(chunk.rows * recovery.head.row_size)
+            if len(data) != chunk.rows * recovery.head.row_size:
                 raise RecordError(f"'{path}' became shorter while it was read")
             if gathered and (chunk.first != following or size + len(data) > _BLOCK):
                 yield start, np.concatenate(gathered, axis=1)
                 gathered, size = [], 0
             if not gathered:
                 start = chunk.first
-            part = np.frombuffer(data, dtype="<f8").reshape(len(found.head.channels), -1)
+            part = np.frombuffer(data, dtype="<f8").reshape(len(recovery.head.channels), -1)
             gathered.append(part[:, chunk.again :])
             size += len(data)
             following = chunk.first + chunk.rows - chunk.again
@@ -265,11 +265,11 @@ def archived(stream: Path, target: Path) -> Path:
     if target.exists():
         raise RecordError(f"'{target}' exists: no run is written over")
     try:
-        found = examine(stream)
-        _require_room(stream, target.parent, found)
+        recovery = examine(stream)
+        _require_room(stream, target.parent, recovery)
         with draft_of(target) as draft:
-            _write(draft, stream, found)
-            _verify(draft, stream, found)
+            _write(draft, stream, recovery)
+            _verify(draft, stream, recovery)
     except RecordError:
         raise
     except (OSError, RuntimeError) as error:  # h5py tells some failures of a disk as the latter
@@ -291,26 +291,26 @@ def rescued(stream: Path, target: Path | None = None, *, remove: bool = False) -
             f"'{stream}' is being written by another program: wait until it ends, or look at it "
             "with --look"
         )
-    made = archived(stream, target or stream.with_suffix(".h5"))
+    record = archived(stream, target or stream.with_suffix(".h5"))
     if remove and not examine(stream).damaged_inside:
         stream.unlink()
-    return made
+    return record
 
 
-def _is_whole(found: StreamRecovery) -> bool:
+def _is_whole(recovery: StreamRecovery) -> bool:
     """Return whether the samples are evenly spaced, so that the record has no times."""
-    return not any(part.kind != "overlap" for part in found.lost)
+    return not any(part.kind != "overlap" for part in recovery.lost)
 
 
-def _require_room(stream: Path, folder: Path, found: StreamRecovery) -> None:
+def _require_room(stream: Path, folder: Path, recovery: StreamRecovery) -> None:
     """Refuse a disk that is too full; h5py writes tracebacks of its own when it finds that out."""
-    columns = len(found.head.channels) + (not _is_whole(found))
-    needed = _OVERHEAD + 8 * found.samples * columns
+    columns = len(recovery.head.channels) + (not _is_whole(recovery))
+    needed = _OVERHEAD + 8 * recovery.samples * columns
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise RecordError(
             f"'{folder}' has {free / 1e6:.1f} MB of room, and the record needs {needed / 1e6:.1f} "
-            f"MB: all {found.samples} samples are safe in '{stream}'; make room, then "
+            f"MB: all {recovery.samples} samples are safe in '{stream}'; make room, then "
             f"'flexstage runs recover {stream}'"
         )
 
@@ -319,19 +319,19 @@ def _keys(head: StreamHead) -> list[str]:
     return file_keys((name for name, _ in head.channels), (RUN, "time"))
 
 
-def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
+def _write(draft: Path, stream: Path, recovery: StreamRecovery) -> None:
     import h5py
 
-    head = found.head
-    total = found.samples
-    whole = _is_whole(found)
+    head = recovery.head
+    total = recovery.samples
+    uniform = _is_whole(recovery)
     if total < 2:
         raise RecordError(
             f"'{stream}' holds {total} whole samples, and a record needs two: the stream stays"
         )
     with h5py.File(draft, "w", track_order=True) as file:
-        _describe(file, found)
-        if whole:
+        _describe(file, recovery)
+        if uniform:
             file.attrs["sample_rate_hz"] = head.sample_rate_hz
             times = None
         else:
@@ -343,7 +343,7 @@ def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
             for key, (name, unit) in zip(_keys(head), head.channels, strict=True)
         ]
         at = 0
-        for first, part in chunks(stream, found):
+        for first, part in chunks(stream, recovery):
             rows = slice(at, at + part.shape[1])
             for dataset, values in zip(sets, part, strict=True):
                 dataset[rows] = values
@@ -352,8 +352,8 @@ def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
             at = rows.stop
 
 
-def _describe(file: Any, found: StreamRecovery) -> None:
-    for key, value in run_attributes(found.head.run, found.complete, found.notes).items():
+def _describe(file: Any, recovery: StreamRecovery) -> None:
+    for key, value in run_attributes(recovery.head.run, recovery.complete, recovery.notes).items():
         if key == RUN:
             # of any length, and so no attribute; of a fixed one, which Octave reads as well
             file.create_dataset(key, data=np.bytes_(str(value).encode()))
@@ -368,15 +368,15 @@ def _dataset(file: Any, key: str, label: str, unit: str, size: int) -> Any:
     return dataset
 
 
-def _verify(draft: Path, stream: Path, found: StreamRecovery) -> None:
+def _verify(draft: Path, stream: Path, recovery: StreamRecovery) -> None:
     """Compare every sample of the file with the stream."""
     import h5py
 
     with h5py.File(draft, "r") as opened:
         file: Any = opened
-        sets = [file[key] for key in _keys(found.head)]
+        sets = [file[key] for key in _keys(recovery.head)]
         at = 0
-        for _, part in chunks(stream, found):
+        for _, part in chunks(stream, recovery):
             rows = slice(at, at + part.shape[1])
             for dataset, values in zip(sets, part, strict=True):
                 # as bytes, so that a value that is no number is equal to itself

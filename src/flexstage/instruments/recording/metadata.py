@@ -159,11 +159,11 @@ class RunMetadata(StageRun):
 
     def texts(self) -> dict[str, str]:
         """Return what a reader of the file looks for first, as lines of text; no empty ones."""
-        told = self.instrument
-        device = " ".join(w for w in (told.vendor, told.model, told.serial_number) if w)
+        identity = self.instrument
+        device = " ".join(w for w in (identity.vendor, identity.model, identity.serial_number) if w)
         lines = {f.name: getattr(self, f.name) for f in fields(self) if f.type is str}
-        lines["instrument"] = f"{device} (simulated)" if told.simulated else device
-        lines["simulated"] = "yes" if told.simulated else "no"
+        lines["instrument"] = f"{device} (simulated)" if identity.simulated else device
+        lines["simulated"] = "yes" if identity.simulated else "no"
         lines["seed"] = "" if self.seed is None else str(self.seed)
         return {k: v for k, v in lines.items() if v}
 

@@ -77,12 +77,12 @@ class Irregularity:
     def __str__(self) -> str:
         last = self.first + self.count - 1
         which = f"sample {self.first}" if self.count == 1 else f"samples {self.first} to {last}"
-        said = {
+        descriptions = {
             "damage": "lost to damage of the file",
             "gap": "never given by the instrument",
             "overlap": "given twice: the first ones count",
         }
-        return f"{which} {said[self.kind]}"
+        return f"{which} {descriptions[self.kind]}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,15 +110,16 @@ class StreamHead:
     @classmethod
     def read(cls, file: BinaryIO, path: Path) -> "StreamHead":
         """Read the head of a stream; its frames follow. `path` is the file, for messages."""
-        begun = file.read(_PREAMBLE.size)
-        if not begun.startswith(HEAD):
+        preamble = file.read(_PREAMBLE.size)
+        if not preamble.startswith(HEAD):
             raise RecordError(
                 f"'{path}' is no stream of a run: give a file whose name ends in {STREAM_SUFFIX}, "
                 "or read the HDF5 file beside it"
             )
-        version, length = _PREAMBLE.unpack(begun)[1:] if len(begun) == _PREAMBLE.size else (0, 0)
+        complete = len(preamble) == _PREAMBLE.size
+        version, length = _PREAMBLE.unpack(preamble)[1:] if complete else (0, 0)
         text = file.read(min(length, LARGEST_HEAD))
-        if file.read(_CHECKSUM.size) != _CHECKSUM.pack(zlib.crc32(text, zlib.crc32(begun))):
+        if file.read(_CHECKSUM.size) != _CHECKSUM.pack(zlib.crc32(text, zlib.crc32(preamble))):
             raise RecordError(
                 f"the head of the stream '{path}' is damaged, so its numbers cannot be read"
             )
@@ -195,11 +196,11 @@ def head_bytes(head: StreamHead) -> bytes:
 
 def frame_bytes(mark: bytes, number: int, first: int, columns: Sequence[Array], seed: int) -> bytes:
     """Return the bytes of a frame of columns of contiguous doubles, of the head of a checksum."""
-    begun = _FRAME.pack(mark, number, first, columns[0].size if columns else 0)
-    checksum = zlib.crc32(begun, seed)
+    header = _FRAME.pack(mark, number, first, columns[0].size if columns else 0)
+    checksum = zlib.crc32(header, seed)
     for column in columns:
         checksum = zlib.crc32(column.data, checksum)
-    return b"".join([begun, _CHECKSUM.pack(checksum), *(column.data for column in columns)])
+    return b"".join([header, _CHECKSUM.pack(checksum), *(column.data for column in columns)])
 
 
 def checksum_before(file: BinaryIO, position: int) -> int:
@@ -218,15 +219,15 @@ def read_frame(
     `seed` is the checksum of the head.
     """
     file.seek(position)
-    begun = file.read(FRAME_SIZE)
-    if len(begun) < FRAME_SIZE or not begun.startswith((SAMPLES, END)):
+    header = file.read(FRAME_SIZE)
+    if len(header) < FRAME_SIZE or not header.startswith((SAMPLES, END)):
         return None
-    frame = StreamFrame._make(_FRAME.unpack_from(begun))
+    frame = StreamFrame._make(_FRAME.unpack_from(header))
     length = frame.rows * row_size
     if length > LARGEST_PAYLOAD + row_size or position + FRAME_SIZE + length > size:
         return None
-    checksum = zlib.crc32(file.read(length), zlib.crc32(begun[: _FRAME.size], seed))
-    return frame if begun[_FRAME.size :] == _CHECKSUM.pack(checksum) else None
+    checksum = zlib.crc32(file.read(length), zlib.crc32(header[: _FRAME.size], seed))
+    return frame if header[_FRAME.size :] == _CHECKSUM.pack(checksum) else None
 
 
 class StreamPosition(NamedTuple):

@@ -214,16 +214,16 @@ class RunWriter:
 
     def _compared(self, first: int, count: int) -> Irregularity | None:
         """Note whether a chunk follows the ones before, and count it."""
-        found = None
+        irregularity = None
         if first > self._next:
-            found = Irregularity(kind="gap", first=self._next, count=first - self._next)
+            irregularity = Irregularity(kind="gap", first=self._next, count=first - self._next)
         elif first < self._next:
             again = min(count, self._next - first)
-            found = Irregularity(kind="overlap", first=int(first), count=int(again))
-        if found is not None:
-            self._irregular.append(found)
+            irregularity = Irregularity(kind="overlap", first=int(first), count=int(again))
+        if irregularity is not None:
+            self._irregular.append(irregularity)
         self._next = max(self._next, int(first) + count)
-        return found
+        return irregularity
 
     def _write_chunk(self, first: int, columns: list[Array]) -> None:
         self._file.append(SAMPLES, first, columns)
@@ -289,9 +289,9 @@ class RunWriter:
 
 def _checked(names: Sequence[str], first: int, columns: Mapping[str, ArrayLike]) -> list[Array]:
     """Return a copy of the samples of each channel, in the order of the run, if they fit to it."""
-    whole = isinstance(first, (int, np.integer)) and not isinstance(first, bool)
+    is_integer = isinstance(first, (int, np.integer)) and not isinstance(first, bool)
     # times are doubles, which count no further
-    if not whole or not 0 <= first < 2**53:
+    if not is_integer or not 0 <= first < 2**53:
         raise RecordError(f"the first sample must be a whole number from 0, got {first!r}")
     if set(columns) != set(names) or len(columns) != len(names):
         raise RecordError(

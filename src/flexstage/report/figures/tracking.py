@@ -168,15 +168,15 @@ def draw_following(step: "VerifiedStep") -> "Figure":
             (
                 UM * run.reference[at],
                 UM * run.output[at],
-                _COLOURS[run.way],
-                f"{run.way}, loop {_length(run.tracking.loop_width)}",
+                _COLOURS[run.mode],
+                f"{run.mode}, loop {_length(run.tracking.loop_width)}",
             )
             for run in step.runs
             for at in (thinned(0, run.time.size),)
         ),
     )
     entitle(loops, f"{step.axis}: {UM * step.stroke:.3g} µm at {step.rate_hz:g} Hz")
-    shown = [run for run in step.runs if run.way != "open loop"] or list(step.runs)
+    shown = [run for run in step.runs if run.mode != "open loop"] or list(step.runs)
     _over_time(errors, [_error(run) for run in shown], 1.25 + 0.15 * len(shown))
     errors.set_xlim(0.0, max(float(np.ptp(run.time)) for run in shown))
     errors.set(xlabel="time [s]", ylabel="reading less reference [nm]")
@@ -188,9 +188,9 @@ def draw_following(step: "VerifiedStep") -> "Figure":
 
 def _error(run: "FollowedRun") -> _Curve:
     at = thinned(0, run.time.size)
-    label = f"{run.way}: {_length(run.tracking.rms)} rms, {_length(run.tracking.largest)} at most"
+    label = f"{run.mode}: {_length(run.tracking.rms)} rms, {_length(run.tracking.largest)} at most"
     error = NM * (run.output - run.reference)[at]
-    return run.time[at] - run.time[0], error, _COLOURS[run.way], label
+    return run.time[at] - run.time[0], error, _COLOURS[run.mode], label
 
 
 def _trials(axes: "Axes", run: "FollowedRun") -> None:

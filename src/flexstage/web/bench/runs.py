@@ -253,7 +253,7 @@ def run_command(
     stream = _stream(folder, "waveform")
     metadata = about.metadata(device, "waveform", axis)
     try:
-        command.record(device, signals_of(device, axis), rate_hz, stream, metadata, parked=False)
+        command.record(device, signals_of(device, axis), rate_hz, stream, metadata, others_to_rest=False)
     finally:
         notes = _kept(stream)
     return _recorded(stream, axis, notes)
@@ -285,7 +285,7 @@ def carry_out(
         stage=about.stage,
         title=path.stem,
         catalogue=default_catalogue(),
-        held=held,
+        locked_as=held,
     )
     write_whole(where / "report.html", run_text(result).encode("utf-8"))
     return RunOutcome(folder=where, file=where / "report.html", plan=result, notes=result.notes)

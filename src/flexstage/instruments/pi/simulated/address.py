@@ -14,7 +14,7 @@ from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
 from flexstage.instruments.pi.simulated.controller import VirtualController
-from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN
+from flexstage.instruments.pi.simulated.gcs_state import GENERIC, MODELS
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import STOP, ServerSession
 from flexstage.instruments.protocol import Waveform
@@ -55,7 +55,7 @@ def open_twin(
     silence = longest_silence(timeout, _LONGEST_WAIT)
     request = TwinRequest(
         seed=whole_number(options, "seed", 0, address),
-        **_asked(options, ("model", "servo_rate", "amplifier"), address),
+        **_request_options(options, ("model", "servo_rate", "amplifier"), address),
         fast=flag(options, "fast", True, address),
         identity="flexstage",
         serial_number=options.get("serial_number", ""),
@@ -73,15 +73,17 @@ def open_twin(
     return PiController.open(link, stage, axes=axes, timeout=silence, transfer=transfer)
 
 
-def _asked(options: Mapping[str, str], names: tuple[str, ...], address: str) -> dict[str, Any]:
+def _request_options(
+    options: Mapping[str, str], names: tuple[str, ...], address: str
+) -> dict[str, Any]:
     """Return options of an address that are written as those of a twin."""
-    asked = {}
+    values = {}
     for name in (name for name in names if name in options):
         try:
-            asked[name] = request_fields(TwinRequest)[name].read(options[name])
+            values[name] = request_fields(TwinRequest)[name].read(options[name])
         except FlexstageError as error:
             raise ModelError(f"'{name}' of '{address}': {error}") from None
-    return asked
+    return values
 
 
 def simulated_controller(
@@ -89,7 +91,7 @@ def simulated_controller(
 ) -> Interpreter:
     """Return the controller that is asked for; its time stands still until its pace is started."""
     _require_names(request.axes, len(stage.axes))
-    made = virtual_stage(
+    stage_in_time = virtual_stage(
         stage,
         model=request.model,
         seed=request.seed,
@@ -98,24 +100,24 @@ def simulated_controller(
         quiet=quiet,
         scatter=scatter,
     )
-    identity = request.identity or ("C-884" if made.kind == "screw" else "E-727")
+    identity = request.identity or ("C-884" if stage_in_time.kind == "screw" else "E-727")
     serial_number = request.serial_number or f"twin-{request.seed}"
-    device = VirtualController(made, serial_number=serial_number, names=request.axes)
+    device = VirtualController(stage_in_time, serial_number=serial_number, names=request.axes)
     return Interpreter(
         device,
         FastTime(device) if request.fast else Pacemaker(device),
-        model=MODELS.get(identity, OWN),
+        model=MODELS.get(identity, GENERIC),
         hold=request.hold_control,
     )
 
 
-def _require_names(given: tuple[str, ...], axes: int) -> None:
-    named = [*given, *(str(i) for i in range(len(given) + 1, axes + 1))]
-    plain = all(n.isascii() and n.isalnum() and len(n) <= 8 for n in named)
-    if len(set(named)) != axes or not plain:
+def _require_names(requested: tuple[str, ...], axes: int) -> None:
+    names = [*requested, *(str(i) for i in range(len(requested) + 1, axes + 1))]
+    plain = all(n.isascii() and n.isalnum() and len(n) <= 8 for n in names)
+    if len(set(names)) != axes or not plain:
         raise ModelError(
             f"--axes must be {axes} or fewer different names of 1 to 8 letters or digits, such as "
-            f"X,Y, got '{','.join(given)[:40]}'"
+            f"X,Y, got '{','.join(requested)[:40]}'"
         )
 
 
@@ -125,7 +127,7 @@ def played(stage: Stage, file: Path, axis: str | None, request: TwinRequest) -> 
     ((driven,), _, _) = taken_drive(file, ((), ("none",)), ReadOptions())
     (record,) = read_files([file], [driven], even=True)
     rate, values = record.sample_rate_hz, record.channel(driven).values
-    made = virtual_stage(
+    stage_in_time = virtual_stage(
         stage,
         model=request.model,
         seed=request.seed,
@@ -134,10 +136,10 @@ def played(stage: Stage, file: Path, axis: str | None, request: TwinRequest) -> 
     )
     waveform = Waveform(values={name: values}, sample_rate_hz=rate, quantity="voltage")
     try:
-        check_waveform(made.limits, waveform)
+        check_waveform(stage_in_time.limits, waveform)
     except LimitError as error:
         raise ModelError(f"'{file}': {error}") from error
-    return made.played(name, values, rate)
+    return stage_in_time.played(name, values, rate)
 
 
 class Loopback:
@@ -168,8 +170,8 @@ class Loopback:
         """Return what the controller has said; nothing is waited for, since it is said already."""
         self._open()
         with self._lock:
-            said, self._answers = bytes(self._answers), bytearray()
-        return said
+            answers, self._answers = bytes(self._answers), bytearray()
+        return answers
 
     def another(self) -> "Loopback":
         """Open a second conversation with the same controller."""

@@ -104,7 +104,9 @@ class AxisState:
         self.target = 0.0  # position that was commanded last
         self.voltage_command = 0.0  # voltage that was commanded last
         self.reading = 0.0
-        self.volts = self.asked = 0.0  # voltage at the drive, and what its amplifier is told
+        self.volts = self.amplifier_input = (
+            0.0  # voltage at the drive, and what its amplifier is told
+        )
         self._smooth, self._inside = 0.0, 0
 
     @property
@@ -183,7 +185,7 @@ class AxisState:
         """Switch control on, to hold what is read, or off, to hold the voltage."""
         self.servo = on
         self._smooth = self.reading
-        self.hold(self.reading if on else self.asked)
+        self.hold(self.reading if on else self.amplifier_input)
 
     def fill(self, first: int, command: Array, feedforward: Array) -> None:
         """Write what is commanded over the next samples; feedforward [V] is NaN for none."""

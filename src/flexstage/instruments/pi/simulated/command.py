@@ -31,7 +31,7 @@ class Client(Protocol):
 
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
-_WHOLE = re.compile(r"[0-9]{1,10}")
+_INTEGER = re.compile(r"[0-9]{1,10}")
 _HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,8}")
 #: Nothing on a stage has a larger number, and sums and products of such are still finite.
 LARGEST = 1e30
@@ -54,7 +54,7 @@ def number(word: str) -> float:
 
 def unsigned(word: str) -> int:
     """Return a whole number from 0."""
-    require(_WHOLE.fullmatch(word), Refusal.BAD_NUMBER)
+    require(_INTEGER.fullmatch(word), Refusal.BAD_NUMBER)
     return int(word)
 
 
@@ -110,7 +110,7 @@ def _number_as_said(_: ControllerState, word: str) -> str:
     return word
 
 
-def _whole(known: Callable[[ControllerState], range], reason: Refusal) -> Argument:
+def _integer(known: Callable[[ControllerState], range], reason: Refusal) -> Argument:
     return Argument(lambda state, word: within(unsigned(word), known(state), reason), known)
 
 
@@ -128,14 +128,14 @@ _ARGUMENTS = {
     "WaveGenID": _named(lambda s: s.generators, Refusal.UNKNOWN),
     "InputID": _CHANNELS._replace(all=lambda s: list(s.channels)[: s.model.inputs]),
     "InterfacePam": _named(lambda s: s.interface, Refusal.UNKNOWN_PARAMETER),
-    "RecTableID": _whole(lambda s: range(1, s.recorder.tables + 1), Refusal.UNKNOWN_RECORD_TABLE),
+    "RecTableID": _integer(lambda s: range(1, s.recorder.tables + 1), Refusal.UNKNOWN_RECORD_TABLE),
     # 0 is none
-    "WaveTableID": _whole(lambda s: range(s.device.wave_tables + 1), Refusal.UNKNOWN_WAVE_TABLE),
-    "PointNumber": _whole(lambda s: range(1, s.device.wave_capacity + 1), Refusal.BAD_VALUE),
-    "RecTableRate": _whole(lambda _: range(1, 10**10), Refusal.BAD_VALUE),
-    "RegisterID": _whole(lambda _: range(1, 2), Refusal.BAD_VALUE),
-    "TrigOutID": _whole(lambda _: _LINES, Refusal.BAD_VALUE),
-    "CTOPam": _whole(lambda _: _SETTINGS, Refusal.BAD_VALUE),
+    "WaveTableID": _integer(lambda s: range(s.device.wave_tables + 1), Refusal.UNKNOWN_WAVE_TABLE),
+    "PointNumber": _integer(lambda s: range(1, s.device.wave_capacity + 1), Refusal.BAD_VALUE),
+    "RecTableRate": _integer(lambda _: range(1, 10**10), Refusal.BAD_VALUE),
+    "RegisterID": _integer(lambda _: range(1, 2), Refusal.BAD_VALUE),
+    "TrigOutID": _integer(lambda _: _LINES, Refusal.BAD_VALUE),
+    "CTOPam": _integer(lambda _: _SETTINGS, Refusal.BAD_VALUE),
     "Value": Argument(_number_as_said),
     "LowValue": Argument(_lowest_voltage),
     "StartMode": Argument(lambda _, word: unsigned_or_hex(word)),

@@ -31,13 +31,13 @@ def identity_line(state: ControllerState) -> str:
     Of a simulation the word ``simulated`` is part. Where it answers as a model the vendor's name is
     part, by which drivers choose.
     """
-    said = state.device.identity
-    vendor, model = said.vendor, state.model.name or said.model
+    identity = state.device.identity
+    vendor, model = identity.vendor, state.model.name or identity.model
     if state.model.name:
         vendor = f"Simulated Physik Instrumente ({vendor})"
-    elif said.simulated and "simulated" not in f"{vendor} {model}":
+    elif identity.simulated and "simulated" not in f"{vendor} {model}":
         model = f"{model} (simulated)"
-    fields = (vendor, model, said.serial_number or "0", said.firmware or __version__)
+    fields = (vendor, model, identity.serial_number or "0", identity.firmware or __version__)
     return ", ".join(field.replace(",", " ").replace("\n", " ") for field in fields)
 
 
@@ -56,18 +56,18 @@ def _reboot(state: ControllerState, _: None) -> None:
 Rows = Sequence[tuple[str, ...]]
 
 
-def _asked(state: ControllerState, given: Rows) -> list[tuple[str, str, int]]:
+def _parameter_rows(state: ControllerState, rows: Rows) -> list[tuple[str, str, int]]:
     """Return how parameters are called in the answer, as they were asked for, item and number.
 
     All of them where none is asked for.
     """
-    if not given:
-        every = ((item, key) for key, p in PARAMETERS.items() for item in items_of(state, p))
-        return [(f"{item} 0x{key:08X}", item, key) for item, key in every]
-    return [(f"{item} {word}", *_found(state, item, word)) for item, word in given]
+    if not rows:
+        all_items = ((item, key) for key, p in PARAMETERS.items() for item in items_of(state, p))
+        return [(f"{item} 0x{key:08X}", item, key) for item, key in all_items]
+    return [(f"{item} {word}", *_item_and_key(state, item, word)) for item, word in rows]
 
 
-def _found(state: ControllerState, item: str, word: str) -> tuple[str, int]:
+def _item_and_key(state: ControllerState, item: str, word: str) -> tuple[str, int]:
     key = unsigned_or_hex(word)
     require(key in PARAMETERS, Refusal.UNKNOWN_PARAMETER)
     parameter = PARAMETERS[key]
@@ -85,26 +85,29 @@ def delivered(state: ControllerState) -> dict[tuple[str, int], str]:
     """
     return {
         (item, key): value_text(PARAMETERS[key].get(state, item))
-        for _, item, key in _asked(state, ())
+        for _, item, key in _parameter_rows(state, ())
     }
 
 
-def _read_parameters(state: ControllerState, given: Rows) -> Reply:
+def _read_parameters(state: ControllerState, rows: Rows) -> Reply:
     return [
         f"{called}={value_text(PARAMETERS[key].get(state, item))}"
-        for called, item, key in _asked(state, given)
+        for called, item, key in _parameter_rows(state, rows)
     ]
 
 
-def _read_delivered(state: ControllerState, given: Rows) -> Reply:
-    return [f"{called}={state.delivered[item, key]}" for called, item, key in _asked(state, given)]
+def _read_delivered(state: ControllerState, rows: Rows) -> Reply:
+    return [
+        f"{called}={state.delivered[item, key]}"
+        for called, item, key in _parameter_rows(state, rows)
+    ]
 
 
 def _set_parameters(state: ControllerState, rows: Rows) -> Reply:
-    given = [(*_found(state, item, key), word) for item, key, word in rows]
+    assignments = [(*_item_and_key(state, item, key), word) for item, key, word in rows]
     drafts: dict[str, ServoDraft] = {}
     seconds = 0.0
-    for item, key, word in given:
+    for item, key, word in assignments:
         parameter = PARAMETERS[key]
         require(parameter.writable, Refusal.READ_ONLY)
         if key == SIMULATED_TIME:
@@ -118,7 +121,7 @@ def _set_parameters(state: ControllerState, rows: Rows) -> Reply:
     # all of the position control at once: between two numbers it might not be stable
     for axis, draft in drafts.items():
         state.apply_draft(axis, draft)
-    for item, key, word in given:
+    for item, key, word in assignments:
         parameter = PARAMETERS[key]
         if parameter.set is not None:
             parameter.set(state, item, word)
@@ -157,8 +160,8 @@ def status_register(state: ControllerState) -> str:
     return "0x" + "".join(f"{_bits(state, axis):04X}" for axis in state.axes)
 
 
-def _registers(state: ControllerState, given: Sequence[tuple[str, int]]) -> Reply:
-    rows = given or [(axis, 1) for axis in state.axes]
+def _registers(state: ControllerState, requested: Sequence[tuple[str, int]]) -> Reply:
+    rows = requested or [(axis, 1) for axis in state.axes]
     return [f"{axis} {register}=0x{_bits(state, axis):04X}" for axis, register in rows]
 
 
@@ -185,13 +188,13 @@ def _digits(state: ControllerState, channel: str) -> int:
     return max(-_DIGITS, min(_DIGITS, round(_DIGITS * _normalized(state, channel) / 100.0)))
 
 
-def _set_line(state: ControllerState, given: Sequence[tuple[int, int, str]]) -> None:
+def _set_line(state: ControllerState, settings: Sequence[tuple[int, int, str]]) -> None:
     """Keep settings of digital outputs, which nothing is connected to."""
-    state.trigger_settings.update({(line, key): word for line, key, word in given})
+    state.trigger_settings.update({(line, key): word for line, key, word in settings})
 
 
-def _settings(state: ControllerState, asked: Sequence[tuple[int, int]]) -> Reply:
-    known = asked or sorted(state.trigger_settings)
+def _settings(state: ControllerState, requested: Sequence[tuple[int, int]]) -> Reply:
+    known = requested or sorted(state.trigger_settings)
     return [f"{n} {key}={state.trigger_settings.get((n, key), '0')}" for n, key in known] or ["0"]
 
 

@@ -38,9 +38,9 @@ def _stop(state: ControllerState, words: Sequence[str]) -> Reply:
 
 
 def _move(relative: bool) -> Callable[[ControllerState, Mapping[str, float]], None]:
-    def run(state: ControllerState, given: Mapping[str, float]) -> None:
+    def run(state: ControllerState, values: Mapping[str, float]) -> None:
         device = state.device
-        targets = {axis: value * state.model.scale for axis, value in given.items()}
+        targets = {axis: value * state.model.scale for axis, value in values.items()}
         if relative:
             targets = {axis: device.target(axis) + v for axis, v in targets.items()}
         state.require_ready(targets)
@@ -54,9 +54,9 @@ def _set_voltage(state: ControllerState, voltages: Mapping[str, float]) -> None:
     state.recorder.move(lambda: state.device.set_commands(voltages))
 
 
-def _set_zero(state: ControllerState, given: Mapping[str, float | None]) -> None:
+def _set_zero(state: ControllerState, voltages: Mapping[str, float | None]) -> None:
     """Go through the range with control off, and count from where a low voltage leads to."""
-    lowest = given or dict.fromkeys(state.axes)
+    lowest = voltages or dict.fromkeys(state.axes)
     require(all(state.axes[axis].kind == "piezo" for axis in lowest), Refusal.NOT_ABLE)
     state.require_ready(
         {axis: state.voltage_range(axis)[0] if v is None else v for axis, v in lowest.items()},
@@ -65,16 +65,16 @@ def _set_zero(state: ControllerState, given: Mapping[str, float | None]) -> None
     state.device.set_zero(lowest)
 
 
-def _switch_servo(state: ControllerState, given: Mapping[str, bool]) -> None:
-    off = {axis for axis, on in given.items() if on} & state.disabled
+def _switch_servo(state: ControllerState, switches: Mapping[str, bool]) -> None:
+    off = {axis for axis, on in switches.items() if on} & state.disabled
     require(not off, Refusal.SWITCHED_OFF)
-    for axis, on in given.items():
+    for axis, on in switches.items():
         if on != state.device.servo_on(axis):
             state.device.set_servo(axis, on)
 
 
-def _set_speed(state: ControllerState, given: Mapping[str, float]) -> None:
-    speeds = {axis: value * state.model.scale for axis, value in given.items()}
+def _set_speed(state: ControllerState, values: Mapping[str, float]) -> None:
+    speeds = {axis: value * state.model.scale for axis, value in values.items()}
     for axis, speed in speeds.items():
         largest = state.axes[axis].limits.speed
         allowed = speed > 0.0 and (largest is None or speed <= largest * (1.0 + 1e-9))
@@ -86,9 +86,9 @@ def _set_speed(state: ControllerState, given: Mapping[str, float]) -> None:
             state.device.set_speed(axis, speed)
 
 
-def _set_speed_control(state: ControllerState, given: Mapping[str, bool]) -> None:
+def _set_speed_control(state: ControllerState, switches: Mapping[str, bool]) -> None:
     """Let moves keep to the speed of the axis, or be as fast as the axis can."""
-    for axis, on in given.items():
+    for axis, on in switches.items():
         if on and axis in state.free_speeds:
             state.device.set_speed(axis, state.free_speeds.pop(axis))
         elif not on and axis not in state.free_speeds:
@@ -97,9 +97,9 @@ def _set_speed_control(state: ControllerState, given: Mapping[str, bool]) -> Non
 
 
 def _soft_limit(of_voltage: bool, end: int) -> Callable[[ControllerState, Any], None]:
-    def run(state: ControllerState, given: Mapping[str, float]) -> None:
+    def run(state: ControllerState, values: Mapping[str, float]) -> None:
         changed = {}
-        for name, value in given.items():
+        for name, value in values.items():
             axis = state.outputs[name] if of_voltage else name
             widest = state.voltage_range(axis) if of_voltage else state.position_range(axis)
             soft = list(state.soft(axis, of_voltage))
@@ -118,11 +118,11 @@ def _set_online(state: ControllerState, words: Sequence[str]) -> Reply:
     """Take commands over the interface: of one channel, or of all where none is named."""
     if len(words) == 1 and state.model.one_line:
         words = [word for name in state.outputs for word in (name, words[0])]
-    given = groups(words, 2)
-    names = [name for name, _ in given]
+    pairs = groups(words, 2)
+    names = [name for name, _ in pairs]
     require(all(name in state.outputs for name in names), Refusal.UNKNOWN_CHANNEL)
     require(len(set(names)) == len(names), Refusal.AXIS_TWICE)
-    state.online.update({name: switch(word) for name, word in given})
+    state.online.update({name: switch(word) for name, word in pairs})
     return None
 
 
@@ -133,12 +133,12 @@ def _online(state: ControllerState, words: Sequence[str]) -> Reply:
     return [f"{name}={int(state.online[name])}" for name in words or state.outputs]
 
 
-def _enable(state: ControllerState, given: Mapping[str, bool]) -> None:
+def _enable(state: ControllerState, switches: Mapping[str, bool]) -> None:
     """Enable axes; an axis that is switched off stops and takes no motion."""
-    off = [axis for axis, on in given.items() if not on]
+    off = [axis for axis, on in switches.items() if not on]
     if off:
         state.device.stop(off)
-    state.disabled = (state.disabled - given.keys()) | set(off)
+    state.disabled = (state.disabled - switches.keys()) | set(off)
 
 
 def _reference(share: float, missing: Refusal) -> Callable[[ControllerState, Any], None]:
@@ -154,17 +154,17 @@ def _reference(share: float, missing: Refusal) -> Callable[[ControllerState, Any
     return run
 
 
-def _reference_mode(state: ControllerState, given: Mapping[str, bool]) -> None:
+def _reference_mode(state: ControllerState, switches: Mapping[str, bool]) -> None:
     """Let axes with switches move without a reference move, or only after one."""
-    asked = [axis for axis, on in given.items() if on]
-    require(all(state.has_switch(axis) for axis in asked), Refusal.NO_REFERENCE_SENSOR)
-    state.reference_mode.update(given)
+    axes = [axis for axis, on in switches.items() if on]
+    require(all(state.has_switch(axis) for axis in axes), Refusal.NO_REFERENCE_SENSOR)
+    state.reference_mode.update(switches)
 
 
 def _set_acceleration(name: str) -> Callable[[ControllerState, Any], None]:
-    def run(state: ControllerState, given: Mapping[str, float]) -> None:
-        require(all(value > 0.0 for value in given.values()), Refusal.BAD_VALUE)
-        state.accelerations[name].update(given)
+    def run(state: ControllerState, values: Mapping[str, float]) -> None:
+        require(all(value > 0.0 for value in values.values()), Refusal.BAD_VALUE)
+        state.accelerations[name].update(values)
 
     return run
 
@@ -207,7 +207,7 @@ MOTION = (
              poll=True),
     # kept without effect: the simulated amplifiers have no drift to be compensated
     order("DCO", _SWITCHED, "Set Drift Compensation Mode",
-          lambda s, given: s.drift_compensation.update(given)),
+          lambda s, switches: s.drift_compensation.update(switches)),
     _of_axes("DCO?", "Get Drift Compensation Mode", lambda s, a: s.drift_compensation[a]),
     order("DFH", _AXES, "Define Home Position",
           lambda s, axes: s.homes.update({axis: s.device.position(axis) for axis in axes})),

@@ -90,15 +90,15 @@ class VirtualController(ControllerCore):
         one little above the lowest. The ends of the range stay what they are, from the new zero.
         """
         self._need_drives()
-        found = {self._piezo(axis): value for axis, value in voltages.items()}
-        for state, value in found.items():
+        states = {self._piezo(axis): value for axis, value in voltages.items()}
+        for state, value in states.items():
             self._need_no_wave(state)
             if value is not None:
-                found[state] = _allowed_voltage(state, value)
-        for state in found:
+                states[state] = _allowed_voltage(state, value)
+        for state in states:
             if state.servo:
                 state.switch(False)
-        self._begin_zero(found)
+        self._begin_zero(states)
 
     def zeroing(self, axis: str) -> bool:
         """Say whether an axis is on its way to its zero."""
@@ -114,13 +114,13 @@ class VirtualController(ControllerCore):
     def set_targets(self, targets: Mapping[str, float]) -> None:
         """Command positions [m] of one or more axes: all of them or none."""
         self._need_drives()
-        found = {self._axis(axis): value for axis, value in targets.items()}
-        for state, value in found.items():
+        states = {self._axis(axis): value for axis, value in targets.items()}
+        for state, value in states.items():
             self._need_no_wave(state)
             require(state.servo, Refusal.SERVO_OFF)
             bounds = state.description.limits.position
-            found[state] = float(require_within(np.array([value]), bounds)[0])
-        for state, value in found.items():
+            states[state] = float(require_within(np.array([value]), bounds)[0])
+        for state, value in states.items():
             state.go(value, self._sample, state.speed)
         self.recorder.trigger("move", self._sample + 1)
 
@@ -134,12 +134,12 @@ class VirtualController(ControllerCore):
     def set_commands(self, commands: Mapping[str, float]) -> None:
         """Command voltages [V] in open loop of one or more axes: all of them or none."""
         self._need_drives()
-        found = {self._piezo(axis): value for axis, value in commands.items()}
-        for state, value in found.items():
+        states = {self._piezo(axis): value for axis, value in commands.items()}
+        for state, value in states.items():
             self._need_no_wave(state)
             require(not state.servo, Refusal.SERVO_ON)
-            found[state] = _allowed_voltage(state, value)
-        for state, value in found.items():
+            states[state] = _allowed_voltage(state, value)
+        for state, value in states.items():
             state.go(value, self._sample, state.largest_slew)
         self.recorder.trigger("move", self._sample + 1)
 
@@ -325,7 +325,7 @@ class VirtualController(ControllerCore):
         self, axis: str, state: AxisState, onward: bool, scale: tuple[float, float]
     ) -> WaveRun:
         self._need_no_wave(state)
-        table, beside = self._choice[axis]
+        table, feedforward_table = self._choice[axis]
         unit, offset = scale
         samples = (self._filled(axis, table) + offset) * unit
         cycles = self._cycles[axis]
@@ -335,9 +335,9 @@ class VirtualController(ControllerCore):
             state, samples, cycles, divider, state.present(self._sample), shift=shift
         )
         voltages = None
-        if beside:
+        if feedforward_table:
             voltages = check_feedforward(
-                state, self._filled(axis, beside), samples.size, cycles, divider
+                state, self._filled(axis, feedforward_table), samples.size, cycles, divider
             )
         return WaveRun(
             first=self._sample + 1,

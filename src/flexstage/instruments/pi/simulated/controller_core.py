@@ -161,9 +161,9 @@ class ControllerCore:
 
         The way is the same whatever was before, so that so is the zero, but for creep.
         """
-        for state, wanted in voltages.items():
+        for state, voltage in voltages.items():
             low, high = state.description.limits.voltage or (0.0, 0.0)
-            end = low + _ZERO_SHARE * (high - low) if wanted is None else wanted
+            end = low + _ZERO_SHARE * (high - low) if voltage is None else voltage
             size = max(_WAY, 2.0 * (high - low) / state.largest_slew) * self.sample_rate_hz
             rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, math.ceil(size) + 1) / math.ceil(size))
             places = (state.present(self._sample), high, low, end)
@@ -239,9 +239,9 @@ class ControllerCore:
         for state in self._states.values():
             state.fill(first, command[state.index], feedforward[state.index])
         control = [s.servo and not s.screw for s in self._states.values()]
-        wanted = command + np.where(control, self._zero[:size], 0.0)[:, None]
+        targets = command + np.where(control, self._zero[:size], 0.0)[:, None]
         block = self.stage.run(
-            wanted, control, None if np.isnan(feedforward).all() else feedforward
+            targets, control, None if np.isnan(feedforward).all() else feedforward
         )
         block.reading[:] -= self._zero[:, None]
         self._sample += count
@@ -249,7 +249,8 @@ class ControllerCore:
             row = state.index
             source = block.command if state.screw else block.reading
             state.take(self._sample, command[row], source[row])
-            state.volts, state.asked = float(block.voltage[row, -1]), float(block.command[row, -1])
+            state.volts = float(block.voltage[row, -1])
+            state.amplifier_input = float(block.command[row, -1])
         self._readings = block.reading[:, -1]
         self.recorder.take(first, count, lambda signal: self._values(signal, command, block))
         for state, run in list(self._zeroing.items()):

@@ -61,7 +61,7 @@ class ControllerModel:
 
 
 #: Answers as itself, and knows all commands.
-OWN = ControllerModel(name="")
+GENERIC = ControllerModel(name="")
 
 _DIGITAL_PIEZO = _REFERENCE | _MOTOR | _ENABLE | _ANALOGUE
 _AMPLIFIER = _REFERENCE | _MOTOR | _ENABLE | _STATUS | _DIGITAL
@@ -140,7 +140,9 @@ class ServoDraft:
 class ControllerState:
     """State of a controller that is shared by all its clients."""
 
-    def __init__(self, device: VirtualController, pace: Pace, model: ControllerModel = OWN) -> None:
+    def __init__(
+        self, device: VirtualController, pace: Pace, model: ControllerModel = GENERIC
+    ) -> None:
         self.device, self.pace, self.model = device, pace, model
         #: Where it is reached.
         self.host, self.port = "127.0.0.1", 0
@@ -162,7 +164,7 @@ class ControllerState:
         #: What is added to the waveform of an axis, in the unit of the wire.
         self.offsets = dict.fromkeys(self.axes, 0.0)
         #: SI value of the unit, and the offset, in which each axis ran its waveform last.
-        self.ran_with: dict[str, tuple[float, float]] = {}
+        self.wave_units: dict[str, tuple[float, float]] = {}
         self.recorder = RecordStore(self.device, self.axes, self.outputs, self.model.scale)
         #: Drafts with the settings that they gave.
         self._drafts: dict[str, tuple[ServoDraft, ServoSettings]] = {}
@@ -178,7 +180,7 @@ class ControllerState:
         #: Axes that move only once they have been at a switch, and those that have; where those go
         #: that are on their way to one [m]; homes [m]; rates of speed, which no motion here has.
         self.reference_mode = {name: self.has_switch(name) for name in self.axes}
-        self.been = set[str]() if self.model.motor else set(self.axes)
+        self.referenced_axes = set[str]() if self.model.motor else set(self.axes)
         self.referencing: dict[str, float] = {}
         self.homes = dict.fromkeys(self.axes, 0.0)
         self.accelerations = {name: dict.fromkeys(self.axes, 1.0) for name in ("ACC", "DEC")}
@@ -230,8 +232,8 @@ class ControllerState:
         ended = axis in self.referencing and not self.device.moving(axis)
         # one that was stopped on its way has not been there
         if ended and self.device.target(axis) == self.referencing.pop(axis):
-            self.been.add(axis)
-        return axis in self.been or not self.reference_mode[axis]
+            self.referenced_axes.add(axis)
+        return axis in self.referenced_axes or not self.reference_mode[axis]
 
     def require_ready(self, targets: Mapping[str, float], *, voltages: bool = False) -> None:
         """Refuse a motion of axes that take none, or beyond limits that clients have set."""
@@ -269,10 +271,10 @@ class ControllerState:
         for axis in self.axes:
             if self.device.wave_running(axis):
                 table, feedforward = self.device.wave_choice(axis)
-                now = {feedforward: (1.0, 0.0), table: self.ran_with.get(axis, (1.0, 0.0))}
+                now = {feedforward: (1.0, 0.0), table: self.wave_units.get(axis, (1.0, 0.0))}
                 same = all(read.get(number, its) == its for number, its in now.items())
                 require(same, Refusal.WAVE_RUNNING)
-        self.ran_with.update(scales)
+        self.wave_units.update(scales)
         return scales
 
     def _wave_scale(self, axis: str) -> tuple[float, float]:
@@ -284,9 +286,11 @@ class ControllerState:
     def servo_draft(self, axis: str) -> ServoDraft:
         """Return the settings of an axis's position control as numbers that can be changed."""
         settings = self.device.servo(axis)
-        draft, gave = self._drafts.get(axis, (None, None))
+        draft, applied = self._drafts.get(axis, (None, None))
         # they may have been changed beside this conversation
-        return ServoDraft(settings) if draft is None or gave != settings else copy.deepcopy(draft)
+        return (
+            ServoDraft(settings) if draft is None or applied != settings else copy.deepcopy(draft)
+        )
 
     def apply_draft(self, axis: str, draft: ServoDraft) -> None:
         """Change the settings of an axis's position control."""

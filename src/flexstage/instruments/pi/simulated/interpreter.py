@@ -21,7 +21,7 @@ from flexstage.instruments.pi.simulated.commands_motion import MOTION, halt, mov
 from flexstage.instruments.pi.simulated.commands_tables import RECORDER, WAVES, running_bits
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
-from flexstage.instruments.pi.simulated.gcs_state import OWN, ControllerModel, ControllerState
+from flexstage.instruments.pi.simulated.gcs_state import GENERIC, ControllerModel, ControllerState
 
 #: Answer to ``#7``: always ready; a controller that is not says 0xB0.
 _READY = "\xb1"
@@ -62,7 +62,7 @@ class Interpreter:
         device: VirtualController,
         pace: Pace,
         *,
-        model: ControllerModel = OWN,
+        model: ControllerModel = GENERIC,
         hold: bool = False,
     ) -> None:
         #: The controller with its stage, and how time passes.
@@ -248,7 +248,7 @@ class Macros:
 
     def __init__(self, carry_out: Callable[[Client, str], object]) -> None:
         self._carry_out = carry_out
-        self._kept: dict[str, list[str]] = {}
+        self._macros: dict[str, list[str]] = {}
         self._depth = 0
         self._recording: tuple[Client, str, list[str]] | None = None
 
@@ -272,7 +272,7 @@ class Macros:
 
     def _size(self) -> int:
         writing = [] if self._recording is None else self._recording[2]
-        return sum(len(line) + 1 for lines in (*self._kept.values(), writing) for line in lines)
+        return sum(len(line) + 1 for lines in (*self._macros.values(), writing) for line in lines)
 
     def call(self, client: Client, words: Sequence[str]) -> Reply:
         """Begin a macro, end it, delete or start one."""
@@ -292,24 +292,24 @@ class Macros:
             require(free, Refusal.MACRO_IS_WRITTEN)
             self._recording = client, name, []
             return None
-        require(name in self._kept, Refusal.UNKNOWN_MACRO)
+        require(name in self._macros, Refusal.UNKNOWN_MACRO)
         if several:
             self._start(client, name, names[1:])
         else:
-            del self._kept[name]
+            del self._macros[name]
         return None
 
     def _end(self, client: Client) -> None:
         if self._recording is None or self._recording[0] is not client:
             raise RefusedError(Refusal.NO_MACRO_IS_WRITTEN)
-        self._kept[self._recording[1]] = self._recording[2]
+        self._macros[self._recording[1]] = self._recording[2]
         self._recording = None
 
     def _start(self, client: Client, name: str, values: Sequence[str]) -> None:
         require(self._depth < _DEPTH, Refusal.MACROS_TOO_DEEP)
         self._depth += 1
         try:
-            for line in tuple(self._kept[name]):
+            for line in tuple(self._macros[name]):
                 self._carry_out(client, _filled(line, values))
         finally:
             self._depth -= 1

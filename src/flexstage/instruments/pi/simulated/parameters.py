@@ -143,10 +143,10 @@ def _vendor(state: ControllerState, _: str) -> str:
 
 def _facts() -> dict[int, Parameter]:
     """Return what can only be read; the sensors of the simulation need no correction."""
-    made: dict[int, Parameter] = {}
+    parameters: dict[int, Parameter] = {}
 
     def add(identifier: int, item: str, group: str, name: str, get: Get) -> None:
-        made[identifier] = Parameter(item, group, name, get)
+        parameters[identifier] = Parameter(item, group, name, get)
 
     terms = ("Offset [um]", "Gain", "Second Order", "Third Order", "Fourth Order")
     for order, term in enumerate(terms):
@@ -167,15 +167,15 @@ def _facts() -> dict[int, Parameter]:
     add(0xFFFF000D, "system", "Firmware", "Firmware Description", lambda *_: "simulated controller")
     add(0xFFFF000E, "system", "Firmware", "Firmware Date", lambda *_: "none")
     add(0xFFFF000F, "system", "Firmware", "Firmware Developer", _vendor)
-    return made
+    return parameters
 
 
 def _servo_parameters() -> dict[int, Parameter]:
-    made: dict[int, Parameter] = {}
+    parameters: dict[int, Parameter] = {}
 
     def add(identifier: int, group: str, name: str, both: tuple[Get, Edit]) -> None:
         get, edit = both
-        made[identifier] = Parameter("servo", group, name, get, edit=edit)
+        parameters[identifier] = Parameter("servo", group, name, get, edit=edit)
 
     add(0x07000300, "Servo", "Servo Loop P-Term [V/um]", _gain("proportional"))
     add(0x07000301, "Servo", "Servo Loop I-Term [V/(um s)]", _gain("integral"))
@@ -188,7 +188,7 @@ def _servo_parameters() -> dict[int, Parameter]:
         for slot in range(NOTCHES):
             add(base + slot, "Servo", text.format(slot + 1), _notch(quantity, slot))
     add(0x7F000010, "Twin", "Servo Loop Low-Pass Frequency [Hz], 0 for none", _gain("lowpass"))
-    return made
+    return parameters
 
 
 _PLAIN = {

@@ -60,8 +60,8 @@ class RecordStore:
         self.trigger = 0
         self.tables = device.recorder.count
         #: What the last recording holds, by table, and the step of its samples [s].
-        self.kept: dict[int, Signal] = {}
-        self.kept_step = 0.0
+        self.recorded_signals: dict[int, Signal] = {}
+        self.sample_step = 0.0
         self._by_client = False
 
     def sources(self, option: RecordOption) -> Iterable[str]:
@@ -97,7 +97,7 @@ class RecordStore:
         """
         self._device.arm_recorder("wave")
         self._device.set_record_signal(table, signal)
-        self.kept.pop(table, None)
+        self.recorded_signals.pop(table, None)
 
     def use(self, tables: int) -> None:
         """Choose how many tables are in use; those behind them record nothing."""
@@ -107,13 +107,13 @@ class RecordStore:
         self.tables = tables
 
     def column(self, table: int, first: int, count: int) -> Array:
-        """Return samples of a table in `kept`, counted from 0, in the unit of the wire.
+        """Return samples of a table in `recorded_signals`, counted from 0, in the unit of the wire.
 
         These are its unit of positions, um and urad of sensors, V, N, or what answers a blow.
         """
         values = np.array(self._device.recorder.read(table, first, count), dtype=np.float64)
-        if self.kept[table].unit in ("m", "rad"):
-            values /= _MICRO if self.kept[table].kind == "channel" else self._scale
+        if self.recorded_signals[table].unit in ("m", "rad"):
+            values /= _MICRO if self.recorded_signals[table].kind == "channel" else self._scale
         return values
 
     def move(self, command: Callable[[], None]) -> None:
@@ -147,7 +147,7 @@ class RecordStore:
         self._by_client = False
         self._device.arm_recorder("wave")
         if trigger:
-            self.kept = {}
+            self.recorded_signals = {}
         if trigger == 4:
             self.now()
 
@@ -161,6 +161,8 @@ class RecordStore:
         if self._device.recorder.recording:
             tables = range(1, self._device.recorder.count + 1)
             signals = {table: self._device.recorder.signal(table) for table in tables}
-            self.kept = {table: signal for table, signal in signals.items() if signal is not None}
-            self.kept_step = self._device.recorder.divider / self._device.sample_rate_hz
+            self.recorded_signals = {
+                table: signal for table, signal in signals.items() if signal is not None
+            }
+            self.sample_step = self._device.recorder.divider / self._device.sample_rate_hz
             self._by_client = by_client

@@ -125,10 +125,10 @@ class ServerSession:
     def _take(self, data: bytes) -> None:
         """Cut bytes into lines and characters."""
         first = 0
-        for found in _SPECIAL.finditer(data):
-            self._keep(data[first : found.start()])
-            first = found.end()
-            byte = data[found.start()]
+        for special in _SPECIAL.finditer(data):
+            self._keep(data[first : special.start()])
+            first = special.end()
+            byte = data[special.start()]
             if byte == _NEWLINE:
                 self._end_line()
             else:
@@ -157,19 +157,19 @@ class ServerSession:
         self._dropping = False
 
     def _next(self) -> bytes:
-        given = self._waiting.popleft()
+        order = self._waiting.popleft()
         stopped = self._stopped > 0
         self._stopped -= stopped
-        if isinstance(given, int):
-            if given < 0:
+        if isinstance(order, int):
+            if order < 0:
                 self.error = Refusal.TOO_LONG
                 return b""
-            return self._answer(self._interpreter.character(self, given))
-        self._backlog -= len(given)
-        if given.translate(None, _PRINTABLE):
+            return self._answer(self._interpreter.character(self, order))
+        self._backlog -= len(order)
+        if order.translate(None, _PRINTABLE):
             self.error = Refusal.SYNTAX
             return b""
-        return self._answer(self._interpreter.line(self, given.decode("ascii"), stopped=stopped))
+        return self._answer(self._interpreter.line(self, order.decode("ascii"), stopped=stopped))
 
     def _answer(self, reply: Reply) -> bytes:
         if reply is None:
@@ -208,17 +208,17 @@ def reserve(host: str, port: int) -> socket.socket:
     """Take a port, any free one for 0, and answer nobody there until a server listens at it."""
     host.encode("idna")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    taken = socket.socket(family, socket.SOCK_STREAM)
+    listener = socket.socket(family, socket.SOCK_STREAM)
     try:
         if os.name == "posix":  # elsewhere it would let two servers share a port
-            taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if family == socket.AF_INET6:  # an address of one kind is not one of the other
-            taken.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        taken.bind((host, port))
+            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        listener.bind((host, port))
     except BaseException:
-        taken.close()
+        listener.close()
         raise
-    return taken
+    return listener
 
 
 class GcsServer:

@@ -33,10 +33,10 @@ class DataRecorder:
         """Forget what was recorded and what was to be recorded."""
         #: What each table is to record, and samples of the loop for one of a record.
         self.signals: dict[int, Signal] = {}
-        self._kept: dict[int, Signal] = {}
+        self._recorded: dict[int, Signal] = {}
         self._data: dict[int, Array] = {}
         self._blow: dict[int, Array] = {}
-        self.divider = self._kept_divider = 1
+        self.divider = self._recorded_divider = 1
         self._armed: Trigger | None = None
         self._by: Trigger | None = None
         self._first = 0
@@ -89,14 +89,16 @@ class DataRecorder:
             return
         self._armed, self._by = None, what
         self._first, self._filled = sample, 0
-        self._kept, self._kept_divider = dict(self.signals), self.divider
-        self._length = self.capacity if self._kept else 0
-        self._data = {table: np.zeros(self._length) for table in self._kept}
+        self._recorded, self._recorded_divider = dict(self.signals), self.divider
+        self._length = self.capacity if self._recorded else 0
+        self._data = {table: np.zeros(self._length) for table in self._recorded}
         self._blow = {}
         if blow is not None:
-            given = {table: blow(s.kind, s.source) for table, s in self._kept.items() if _struck(s)}
-            self._length = min([self._length, *(v.size for v in given.values())])
-            self._blow = given
+            impacts = {
+                table: blow(s.kind, s.source) for table, s in self._recorded.items() if _struck(s)
+            }
+            self._length = min([self._length, *(v.size for v in impacts.values())])
+            self._blow = impacts
 
     def end(self, by: Trigger | None = None) -> None:
         """End a recording that runs; only one that was started by this, where it is given."""
@@ -107,13 +109,13 @@ class DataRecorder:
         """Keep what belongs to a recording that runs, of the loop's samples from `first` on."""
         if not self.recording:
             return
-        d = self._kept_divider
+        d = self._recorded_divider
         start = self._first + self._filled * d - first
         new = min(len(range(start, count, d)), self._length - self._filled)
         if not new:
             return
         to = slice(self._filled, self._filled + new)
-        for table, signal in self._kept.items():
+        for table, signal in self._recorded.items():
             if table in self._blow:
                 self._data[table][to] = self._blow[table][to]
             elif not _struck(signal):
@@ -153,10 +155,10 @@ def resampled(values: Array, from_hz: float, to_hz: float) -> Array:
     padded[: values.size] = values
     size = padded.size * ratio.numerator // ratio.denominator
     spectrum = np.fft.rfft(padded)
-    kept = np.zeros(size // 2 + 1, dtype=np.complex128)
+    spectrum_out = np.zeros(size // 2 + 1, dtype=np.complex128)
     below = (min(padded.size, size) + 1) // 2  # what is below both Nyquist frequencies
-    kept[:below] = spectrum[:below]
-    out = np.fft.irfft(kept, n=size) * (size / padded.size)
+    spectrum_out[:below] = spectrum[:below]
+    out = np.fft.irfft(spectrum_out, n=size) * (size / padded.size)
     return out[: max(1, int(values.size * ratio))]
 
 
@@ -201,17 +203,17 @@ class WaveTables:
 
     def append(self, table: int, samples: Array) -> None:
         """Add samples to those of a table; the time that it takes does not grow with these."""
-        held = self.size(table)
-        new = self._checked(table, samples, held)
+        present = self.size(table)
+        new = self._checked(table, samples, present)
         self._parts.setdefault(table, []).append(new)
-        self._sizes[table] = held + new.size
+        self._sizes[table] = present + new.size
 
-    def _checked(self, table: int, samples: Array, held: int) -> Array:
+    def _checked(self, table: int, samples: Array, present: int) -> Array:
         """Return samples that may stand behind those that are held."""
         self.known(table)
         new = np.array(samples, dtype=np.float64).reshape(-1)
         require(np.isfinite(new).all(), Refusal.BAD_VALUE)
-        require(held + new.size <= self.room(table), Refusal.TABLE_FULL)
+        require(present + new.size <= self.room(table), Refusal.TABLE_FULL)
         return _fixed(new)
 
 
