@@ -115,7 +115,7 @@ def test_motion() -> None:
         assert figure.estimate.note
         near(figure.estimate, value, worst)
     assert {row.origin for row in found.characteristics} == {"measured"}
-    with pytest.raises(ModelError, match=r"no test measured roll of axis 'x': available: .*left arm"):
+    with pytest.raises(ModelError, match=r"no test measured roll of axis 'x': avail.*left arm"):
         found.figure("roll", "x")
 
 

@@ -1,4 +1,4 @@
-"""The catalogue: which runs there are, on which stage, and what came of them."""
+"""The catalogue of stages, runs, calibrations and models."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -43,17 +43,16 @@ from flexstage.instruments.catalogue.entries import (
 from flexstage.instruments.requests import CalibrationsRequest, OfStage, RunsRequest
 
 _T = TypeVar("_T")
-# others may enter the same stage between the question for it and the answer
+# other programs may enter the same stage between query and insertion
 _TRIES = 8
 
 
 class Catalogue:
     """Stages, runs, calibrations and models in a database.
 
-    Several programs may read and write it at once. It holds nothing that the folders of the runs do
-    not hold: what could not be entered can be entered later, and a lost catalogue can be made again
-    from the folders, but for calibrations and models. Where the database cannot be reached, a
-    method raises `NotConnectedError`.
+    Several programs may read and write it at once. Entries of runs can be restored from the folders
+    of the runs, but not calibrations and models. A method raises `NotConnectedError` where the
+    database cannot be reached.
 
     Examples
     --------
@@ -65,8 +64,8 @@ class Catalogue:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with Catalogue.open(f"{folder}/catalogue.sqlite") as catalogue:
     ...         entered = catalogue.enter_run(run)
-    ...         found = catalogue.runs(serial_number="7")
-    >>> entered, found == [run]
+    ...         runs = catalogue.runs(serial_number="7")
+    >>> entered, runs == [run]
     (True, True)
     """
 
@@ -76,11 +75,10 @@ class Catalogue:
 
     @classmethod
     def open(cls, address: str | None = None, *, make: bool = True) -> Self:
-        """Open a catalogue, the user's own where none is named.
+        """Open a catalogue, by default that of the user.
 
-        Its tables are made in an empty database. Where they are not to be made, an empty database,
-        or a file that is absent, is an empty catalogue, and nothing is written. One of another
-        version is refused.
+        With `make`, its tables are created in an empty database. Without, an empty database or a
+        missing file is an empty catalogue, and nothing is written. Other versions are refused.
         """
         where = address or default_catalogue()
         if make or not is_absent_file(where):
@@ -100,11 +98,11 @@ class Catalogue:
 
     @property
     def address(self) -> str:
-        """Where it is, without a password."""
+        """Its address, without a password."""
         return self._address
 
     def close(self) -> None:
-        """Close all links to the database."""
+        """Close all connections to the database."""
         self._engine.dispose()
 
     def __enter__(self) -> Self:
@@ -127,12 +125,12 @@ class Catalogue:
         try:
             self.write(work)
         except FlexstageError:
-            # of two programs that make them at once the second fails, and finds them made
+            # if two programs create the tables at once, the second one fails
             if not self._is_made():
                 raise
 
     def _has_tables(self, connection: Connection) -> bool:
-        """Return whether a database has the tables of this version; refuse all but an empty one."""
+        """Return whether a database has the tables of this version; refuse other tables."""
         there = set(inspect(connection).get_table_names())
         if VERSIONS.name in there:
             version = connection.scalar(select(VERSIONS.c.version))
@@ -146,18 +144,18 @@ class Catalogue:
             return True
         if there & set(METADATA.tables):
             raise RecordError(
-                "the database belongs to another program: give the catalogue one of its own"
+                "the database belongs to another program: use a separate database for the catalogue"
             )
         return False
 
     def read(self, work: Callable[[Connection], _T]) -> _T:
-        """Do work that only reads."""
-        with _telling(self.address), self._engine.connect() as connection, connection.begin():
+        """Carry out work that only reads."""
+        with _translated(self.address), self._engine.connect() as connection, connection.begin():
             return work(connection)
 
     def write(self, work: Callable[[Connection], _T]) -> _T:
-        """Do work in one transaction, again where another program was first."""
-        with _telling(self.address):
+        """Carry out work in one transaction; repeat it if another program interfered."""
+        with _translated(self.address):
             for _ in range(_TRIES - 1):
                 try:
                     return self._once(work)
@@ -171,7 +169,7 @@ class Catalogue:
             return work(connection)
 
     def enter_run(self, entry: RunEntry) -> bool:
-        """Enter a run, or what is new of one that was entered before; say whether it is new."""
+        """Enter a run, or update its entry; return whether it is new."""
 
         def work(connection: Connection) -> bool:
             existing = select(RUNS.c.id).where(RUNS.c.identifier == entry.identifier)
@@ -180,9 +178,9 @@ class Catalogue:
         return self.write(work)
 
     def enter_calibration(self, entry: CalibrationEntry) -> None:
-        """Enter a calibration; those before it stay.
+        """Enter a calibration, in addition to earlier ones.
 
-        The run that it comes from must be in the catalogue.
+        Its run must be in the catalogue.
         """
         self.write(
             lambda connection: connection.execute(
@@ -191,9 +189,9 @@ class Catalogue:
         )
 
     def enter_model(self, entry: ModelEntry) -> None:
-        """Enter a model; one of the same file of the same run is replaced.
+        """Enter a model; it replaces one of the same file of the same run.
 
-        The run that it comes from must be in the catalogue.
+        Its run must be in the catalogue.
         """
 
         def work(connection: Connection) -> bool:
@@ -213,8 +211,8 @@ class Catalogue:
     def runs(self, request: RunsRequest | None = None, **options: Any) -> list[RunEntry]:
         """Return runs, the latest first.
 
-        Fields of `RunsRequest` may be named in place of those of a request, and any other field of
-        `RunEntry` that has one value: ``axis="x", status="failed"``.
+        Options are fields of `RunsRequest`, in place of those of the request, and other fields of
+        `RunEntry` with a single value: ``axis="x", status="failed"``.
         """
         request_names = request_fields(RunsRequest)
         values = {
@@ -231,11 +229,11 @@ class Catalogue:
         return self._entries(RunEntry, RUNS, query)
 
     def run(self, identifier: str) -> RunEntry:
-        """Return a run by its identifier, or the beginning of it that no other has."""
+        """Return a run by its identifier, or by the start of it if that is unique."""
         prefix = identifier.strip().lower()
         if not prefix or not set(prefix) <= set("0123456789abcdef"):
             raise RecordError(
-                "a run is named by the beginning of its identifier, hexadecimal digits such as "
+                "a run is named by the first digits of its identifier, hexadecimal digits such as "
                 f"3f9a, got '{identifier[:40]}'"
             )
         query = question(RUNS).where(RUNS.c.identifier.startswith(prefix)).limit(3)
@@ -244,11 +242,11 @@ class Catalogue:
             return entries[0]
         if entries:
             raise RecordError(
-                f"the identifiers of several runs begin with '{prefix}', such as "
+                f"the identifiers of several runs start with '{prefix}', such as "
                 f"{entries[0].identifier} and {entries[1].identifier}: give more digits"
             )
         raise RecordError(
-            f"no run of the catalogue has an identifier that begins with '{prefix}': list them "
+            f"no run of the catalogue has an identifier that starts with '{prefix}': list the runs "
             "with 'flexstage runs'"
         )
 
@@ -257,8 +255,9 @@ class Catalogue:
     ) -> list[CalibrationEntry]:
         """Return calibrations, the latest first.
 
-        Of each only the one that is valid at a time, where given: the latest that began before.
-        Fields of `CalibrationsRequest` may be named in place of those of a request.
+        With `valid_at`, only the calibration of each quantity that is valid at this time, the
+        latest that started before. Options are fields of `CalibrationsRequest`, in place of those
+        of the request.
         """
         request = request_of(CalibrationsRequest, request, options)
         at = request.valid_at
@@ -275,7 +274,7 @@ class Catalogue:
         return list(valid.values())
 
     def models(self, *, run: str | None = None) -> list[ModelEntry]:
-        """Return models, the latest first; `run` is the identifier of the one they come from."""
+        """Return models, the latest first; `run` is the identifier of their run."""
         query = _where(question(MODELS), {RUNS.c.identifier: run})
         query = query.order_by(MODELS.c.created.desc(), MODELS.c.id.desc())
         return self._entries(ModelEntry, MODELS, query)
@@ -287,18 +286,18 @@ class Catalogue:
 
 
 def _of_stage(table: Table, request: OfStage) -> Select[Any]:
-    """Return the question for what a table has of a stage."""
+    """Return the query for the entries of a stage in a table."""
     stage = {STAGES.c.name: request.stage, STAGES.c.serial_number: request.serial_number}
     return _where(question(table), stage)
 
 
 def _where(query: Select[Any], values: Mapping[Any, Any]) -> Select[Any]:
-    """Narrow a question to columns of given values; None stands for any."""
+    """Restrict a query to values of columns; None for any value."""
     return query.where(*(c == value for c, value in values.items() if value is not None))
 
 
 def _enter(connection: Connection, table: Table, entry: Any, existing: Select[Any]) -> bool:
-    """Enter what replaces the row that is asked for, if there is one; say whether it is new."""
+    """Insert an entry, or update an existing row; return whether it is new."""
     values = values_of(connection, table, entry)
     number = connection.scalar(existing)
     if number is None:
@@ -309,19 +308,19 @@ def _enter(connection: Connection, table: Table, entry: Any, existing: Select[An
 
 
 @contextmanager
-def _telling(address: str) -> Iterator[None]:
-    """Turn what a database raises in this block into errors of flexstage."""
+def _translated(address: str) -> Iterator[None]:
+    """Translate database errors in this block into errors of flexstage."""
     try:
         yield
     except (OperationalError, InterfaceError) as error:
         raise NotConnectedError(
-            f"the catalogue {address} cannot be used ({_reason(error)}): runs are safe in their "
-            "folders, and 'flexstage runs add FOLDER' enters them later"
+            f"the catalogue {address} cannot be used ({_reason(error)}): the runs are saved in "
+            "their folders; enter them later with 'flexstage runs add FOLDER'"
         ) from error
     except SQLAlchemyError as error:
         raise RecordError(
-            f"the catalogue {address} is not as it should be ({_reason(error)}): is it one of "
-            "flexstage?"
+            f"the catalogue {address} is not valid ({_reason(error)}): check that it is a "
+            "catalogue of flexstage"
         ) from error
 
 

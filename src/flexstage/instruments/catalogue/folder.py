@@ -1,4 +1,4 @@
-"""Entering the folder of a run: from what its own files say, and from nothing else."""
+"""Catalogue entries of the folder of a run, from its own files only."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,24 +11,24 @@ from flexstage.instruments.recording.archive import examine, file_summary
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.stream import STREAM_SUFFIX
 
-#: What an entry takes from the description of its run as it is.
+#: Fields that an entry has in common with the metadata of its run.
 _SHARED = ("plan", "step", "kind", "axis", "operator", "note", "version", "seed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entered:
-    """What came of entering a folder."""
+    """Result of entering a folder."""
 
     runs: tuple[RunEntry, ...]
     """The runs of the folder."""
     new: int
-    """How many of them were not in the catalogue before."""
+    """Number of runs that were not in the catalogue before."""
     problems: tuple[str, ...]
-    """What could not be entered, and why."""
+    """Runs that could not be entered, with reasons."""
 
 
 def folder_entries(folder: str | Path) -> tuple[tuple[RunEntry, ...], tuple[str, ...]]:
-    """Return the runs whose files a folder holds, and what could not be read and why.
+    """Return the runs of a folder, and messages on files that could not be read.
 
     A run of which there is only a stream has failed.
     """
@@ -46,9 +46,9 @@ def folder_entries(folder: str | Path) -> tuple[tuple[RunEntry, ...], tuple[str,
 
 
 def enter_folder(folder: str | Path, address: str | None = None) -> Entered:
-    """Enter all runs of a folder in a catalogue, the user's own where no address is given.
+    """Enter all runs of a folder in a catalogue, by default that of the user.
 
-    A catalogue that fails is told in the problems and raises nothing.
+    A failure of the catalogue is reported in the problems, not raised.
     """
     entries, problems = folder_entries(folder)
     new = 0
@@ -63,9 +63,9 @@ def enter_folder(folder: str | Path, address: str | None = None) -> Entered:
 
 
 def run_files(folder: Path) -> list[Path]:
-    """Return the HDF5 files of a run's folder, then the streams that none of them stands for.
+    """Return the HDF5 files of a run's folder, then the streams without an HDF5 file.
 
-    They lie in it or in its folder ``records``: one that was laid out by hand is one too.
+    They are in the folder itself or in its folder ``records``.
     """
     if not folder.is_dir():
         raise RecordError(f"there is no folder '{folder}': give the folder of a run")
@@ -101,7 +101,7 @@ def _described(
     lost: str,
 ) -> RunEntry:
     if not metadata.identifier:
-        raise RecordError(f"'{path}' does not say which run it is of: no writer has begun it")
+        raise RecordError(f"'{path}' has no identifier of its run: flexstage did not record it")
     return RunEntry(
         identifier=metadata.identifier,
         stage=StageEntry(

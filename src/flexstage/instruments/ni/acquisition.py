@@ -25,15 +25,15 @@ from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits, stage_limits
 
 _LARGEST = 20_000_000  # samples of all drives in memory
-_AGREES = 0.02  # by which an output that is read back may differ from what it was set to [V]
+_AGREES = 0.02  # largest difference of an output that is read back from its setting [V]
 
 
 class NiOutputs(WaveGenerator):
     """The drives of a card, and the generator of their waveforms.
 
-    They go with the clock of the recorder where it records, and it is told what is put out. With
-    every question whether something runs it reads what has come; where outputs are to be read back
-    its record ends.
+    During a record they use the clock of the recorder, which is informed of their voltages. Each
+    query whether a waveform runs also reads new samples of the record; reading outputs back ends
+    the record.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class NiOutputs(WaveGenerator):
         self._running: dict[str, Array] = {}
         self._loaded: Waveform | None = None
         self._stopped = False
-        self.readable = False  # the card can read its outputs back
+        self.readable = False  # whether the card can read its outputs back
         if setup.outputs:
             self._look()
         self.began = dict(self._standing)  # voltages at the drives when connected [V]
@@ -64,8 +64,8 @@ class NiOutputs(WaveGenerator):
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
         if waveform.quantity != "voltage" or feedforward is not None:
             raise ModelError(
-                f"card '{self._setup.device}' has no position control: give voltages, without "
-                "others beside them"
+                f"card '{self._setup.device}' has no position control: give voltages only, without "
+                "feedforward"
             )
         check_waveform(self._limits, waveform)
         self._loaded = waveform
@@ -75,9 +75,9 @@ class NiOutputs(WaveGenerator):
         if wave is None:
             raise ControllerError("no waveform was loaded: load one first")
         if cycles < 1:
-            raise LimitError(f"a card runs a waveform 1 time or more, got {cycles}")
+            raise LimitError(f"a waveform of a card needs at least 1 cycle, got {cycles}")
         if self.running():
-            raise ControllerError("a waveform runs: wait for its end, or stop it")
+            raise ControllerError("a waveform is running: wait for its end, or stop it")
         here = {name: self.voltage(name) for name in wave.values}
         check_waveform(self._limits, wave, cycles=cycles, start=here)
         self._put(lambda rate: _sampled(wave, cycles, rate))
@@ -89,7 +89,7 @@ class NiOutputs(WaveGenerator):
         return running
 
     def busy(self) -> bool:
-        """Say the same, without a look at the record."""
+        """Return whether a waveform runs, without reading the record."""
         with self._lock:
             if self._task is None:
                 return False
@@ -110,9 +110,9 @@ class NiOutputs(WaveGenerator):
     # single voltages ----------------------------------------------------------------------------
 
     def voltage(self, axis: str) -> float:
-        """Return the voltage that was given to a drive [V]; not a number where it is not known.
+        """Return the voltage of a drive [V]; NaN where it is unknown.
 
-        After a stop it is read back from the card, which ends a record that still runs.
+        After a stop it is read back from the card, which ends a running record.
         """
         with self._lock:
             if self.busy() and self._task is not None and axis in self._running:
@@ -127,11 +127,13 @@ class NiOutputs(WaveGenerator):
         limits = self._limits[axis]
         check_voltage(limits, voltage, axis)
         if self.running():
-            raise ControllerError(f"a waveform runs: axis '{axis}' takes no voltage until it ends")
+            raise ControllerError(
+                f"a waveform is running: axis '{axis}' accepts no voltage until it ends"
+            )
         here = self.voltage(axis)
         if not math.isfinite(here):
             raise ControllerError(
-                f"the voltage of axis '{axis}' is not known since its output was stopped, and this "
+                f"the voltage of axis '{axis}' is unknown since its output was stopped, and this "
                 "card cannot read it back: measure it, and give it as 'standing' when you connect "
                 "again"
             )
@@ -154,7 +156,7 @@ class NiOutputs(WaveGenerator):
             waited += 0.002
 
     def close(self) -> None:
-        """Stop and give the outputs free; they keep their voltages."""
+        """Stop and release the outputs; they keep their voltages."""
         self.stop()
 
     def _put(self, samples_at: Callable[[float], dict[str, Array]], *, ramp: bool = False) -> None:
@@ -168,8 +170,8 @@ class NiOutputs(WaveGenerator):
         values = samples_at(rate)
         if (size := sum(v.size for v in values.values())) > _LARGEST:
             raise LimitError(
-                f"the waveform has {size} samples at {rate:g} Hz, and {_LARGEST} fit into memory: "
-                "run fewer cycles at a time"
+                f"the waveform has {size} samples at {rate:g} Hz, and the limit is {_LARGEST}: run "
+                "fewer cycles at a time"
             )
         drives = [self._drives[name] for name in values]
         volts = np.array([d.output(v) for d, v in zip(drives, values.values(), strict=True)])
@@ -180,12 +182,12 @@ class NiOutputs(WaveGenerator):
             task.start()
         self._recorder.note_voltages(values, waits)
         if self._stopped:
-            raise ControllerError("the waveform was stopped before it began")
+            raise ControllerError("the waveform was stopped before it started")
         if waits and clock is not None:
             clock.start()
 
     def _finish(self) -> None:
-        """Close the task; the drives stand at its last sample, or where a stop cut it short."""
+        """Close the task; the drives are at its last sample, or at an unknown one after a stop."""
         task, self._task = self._task, None
         if task is None:
             return
@@ -198,12 +200,12 @@ class NiOutputs(WaveGenerator):
         for axis, v in values.items():
             if complete:
                 self._standing[axis] = float(v[-1])
-            elif n != 0:  # the card's memory may be behind what was counted
+            elif n != 0:  # the outputs may be behind the counted samples
                 self._standing[axis] = math.nan
         self._tell_standing()
 
     def _look(self) -> None:
-        """Compare what the outputs give with what the setup says, before the first voltage."""
+        """Compare the voltages of the outputs with the setup, before the first command."""
         volts = self._backend.read_outputs(self._setup.outputs)
         self.readable = bool(np.all(np.isfinite(volts)))
         for drive, v in zip(self._setup.outputs, volts, strict=True):
@@ -212,15 +214,15 @@ class NiOutputs(WaveGenerator):
             measured = float(drive.voltage(v))
             if drive.standing is not None:
                 raise ControllerError(
-                    f"output '{drive.channel}' gives {v:.4g} V, which is {measured:.4g} V at the "
-                    f"drive of axis '{drive.axis}', and the setup says {drive.standing:g} V: leave "
-                    "'standing' out, or correct the gain or offset of the amplifier"
+                    f"output '{drive.channel}' is at {v:.4g} V, which is {measured:.4g} V at the "
+                    f"drive of axis '{drive.axis}', but the setup says {drive.standing:g} V: omit "
+                    "'standing', or correct the gain or offset of the amplifier"
                 )
             self._standing[drive.axis] = measured
         self._tell_standing()
 
     def _read_back(self) -> None:
-        """Measure the drives whose voltages are not known."""
+        """Measure the drives whose voltages are unknown."""
         lost = [d for d in self._setup.outputs if math.isnan(self._standing[d.axis])]
         self._recorder.release()
         for drive, v in zip(lost, self._backend.read_outputs(lost), strict=True):
@@ -234,24 +236,24 @@ class NiOutputs(WaveGenerator):
 
 
 def _sampled(wave: Waveform, cycles: int, rate: float) -> dict[str, Array]:
-    """A waveform at another rate, on straight lines, up to its last sample."""
+    """Return a waveform at another rate, interpolated linearly, up to its last sample."""
     n, ratio = wave.size, wave.sample_rate_hz / rate
     count = math.floor((n * cycles - 1) / ratio * (1.0 + 1e-12)) + 1
     k = np.arange(count) * ratio
-    # The last sample is the waveform's own, even where the rates do not fit.
+    # The last sample is that of the waveform, even if the rates do not match.
     k = np.minimum(np.append(k, n * cycles - 1) if k[-1] < n * cycles - 1 else k, n * cycles - 1)
     at = np.arange(n + 1)
     return {a: np.interp(k % n, at, np.append(v, v[0])) for a, v in wave.values.items()}
 
 
 def _ramp(begin: float, end: float, step: float) -> Array:
-    """Steps no larger than what is allowed, the last of which is the end."""
+    """Return steps no larger than allowed, up to the end."""
     count = max(math.ceil(abs(end - begin) / step), 1)
     return np.linspace(begin, end, count + 1)[1:]
 
 
 class NiAxis(MotionAxis):
-    """An axis whose drive an analogue output commands, without position control."""
+    """An axis with its drive at an analogue output, without position control."""
 
     capabilities = frozenset({Capability.OPEN_LOOP})
 
@@ -280,18 +282,18 @@ class NiAxis(MotionAxis):
 
 
 class NiAcquisition(Instrument):
-    """An NI card, the sensors and drives wired to it, and the stage that they belong to.
+    """An NI card with its sensors and drives, and their stage.
 
     Inputs and outputs share one clock. The first sensor is sampled at the instant at which the
-    output of the same number changes, so that a stage without delay shows it one sample of the
-    card's clock later; where a multiplexer leads the inputs to one converter, each further sensor
-    is sampled one conversion later, which `settings` says. Connecting moves nothing; the outputs
-    are read back where the card can. `close` leads the drives to their safe voltages, unless the
-    setup says not to, since a card goes on giving what it gave. `limits` are further ones by axis,
-    at the drive, beside those of the stage, the card and the amplifier.
+    output of the same number changes, so that a stage without delay responds one sample of the
+    card's clock later. With a multiplexer, each further sensor is sampled one conversion later,
+    which `settings` reports. Connecting does not move the stage; the outputs are read back where
+    the card supports it. `close` ramps the drives to their safe voltages, unless the setup forbids
+    it: otherwise a card keeps its output voltages. `limits` are further limits by axis, at the
+    drive, in addition to those of the stage, the card and the amplifier.
 
-    Validity: open loop; the sensors have no filter against aliasing but their own; the voltages
-    of a record are those that were commanded and not measured.
+    Validity: open loop; no anti-aliasing filter other than those of the sensors; the voltages of a
+    record are commanded, not measured.
     """
 
     def __init__(
@@ -333,15 +335,15 @@ class NiAcquisition(Instrument):
     def waves(self) -> NiOutputs:
         if not self._axes:
             raise ModelError(
-                f"no drive is wired to card '{self.setup.device}', so that it runs no waveforms: "
-                "name its analogue outputs"
+                f"card '{self.setup.device}' has no drives, so it cannot run waveforms: name its "
+                "analogue outputs"
             )
         return self.outputs
 
     def channel(self, number: int) -> float:
         if not 1 <= number <= len(self.setup.inputs):
             raise ModelError(
-                f"card '{self.setup.device}' has the sensors 1 to {len(self.setup.inputs)}, got "
+                f"card '{self.setup.device}' has sensors 1 to {len(self.setup.inputs)}, got "
                 f"{number}"
             )
         self._recorder.rest()
@@ -353,15 +355,15 @@ class NiAcquisition(Instrument):
 
     def strike(self, axis: str) -> None:
         raise ModelError(
-            f"an NI card does not strike axis '{axis}': wire the hammer to an input, record now, "
-            "and strike by hand"
+            f"an NI card cannot excite axis '{axis}' with a hammer: connect the hammer to an "
+            "input, start a record, and excite by hand"
         )
 
     def pause(self, seconds: float) -> None:
         self._backend.pause(seconds)
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until nothing runs; stop it on time-out."""
+        """Wait until no waveform runs; stop it on timeout."""
         wait_for_rest(self, self.outputs.running, timeout, "a waveform still ran")
 
     def stop(self) -> None:
@@ -398,7 +400,7 @@ class NiAcquisition(Instrument):
 
 
 def _delay(place: int, interval: float) -> str:
-    """Say when a sensor is sampled, by its place in the scan and the time between conversions."""
+    """Return the sampling delay of a sensor as text, by its place in the scan."""
     if place == 0 or interval == 0.0:
         return ""
     if math.isnan(interval):
@@ -415,7 +417,7 @@ def _limits(drive: DriveOutput, stage: Stage | None, further: AxisLimits | None)
     of_stage = stage_limits(stage, drive.axis)
     if of_stage.voltage is None and (further is None or further.voltage is None):
         raise ModelError(
-            f"the drive of axis '{drive.axis}' of stage '{stage.name}' has no voltage range, so "
-            "that no output can be limited for it: give one in the stage file, or as 'limits'"
+            f"the drive of axis '{drive.axis}' of stage '{stage.name}' has no voltage range, which "
+            "its output needs as a limit: give one in the stage file, or as 'limits'"
         )
     return of_stage.within(allowed)

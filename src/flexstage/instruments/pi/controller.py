@@ -32,7 +32,7 @@ from flexstage.stage.limits import AxisLimits, stage_limits
 
 Range = tuple[float, float]
 
-#: Tables and samples where a controller does not say how many it has.
+#: Numbers of tables and samples where a controller does not report them.
 _FEW_TABLES, _FEW_SAMPLES = 1, 1024
 
 
@@ -41,17 +41,17 @@ class TableMemory:
     """Tables of a recorder or a wave generator."""
 
     tables: int
-    """How many."""
+    """Number of tables."""
     capacity: int
-    """Samples: of each table of a recorder, over all tables of a wave generator."""
+    """Samples of each table of a recorder, or of all tables of a wave generator together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Discovery:
-    """What is there."""
+    """Axes, sensors and memory of a controller."""
 
     axes: tuple[AxisFacts, ...]
-    """Axes that the stage has."""
+    """Axes of the stage."""
     channels: tuple[ChannelFacts, ...]
     """Sensors."""
     base_rate_hz: float
@@ -65,7 +65,7 @@ class Discovery:
 def discover(
     connection: Connection, stage: Stage, axes: Mapping[str, str] | None = None
 ) -> Discovery:
-    """Ask what is there; `axes` names the controller's axis by the name of the stage's."""
+    """Discover axes, sensors and memory by questions; `axes` are identifiers by stage axis."""
     listed = [line.strip() for line in connection.client.ask("SAI?")]
     identifiers_of = _identifiers(listed, stage, axes)
     outputs = _outputs(connection, stage, listed, identifiers_of)
@@ -96,7 +96,7 @@ def _identifiers(
         if len(listed) < len(names):
             raise ControllerError(
                 f"the controller has {len(listed)} axes ({', '.join(listed)}) and the stage "
-                f"{len(names)} ({', '.join(names)}): name those that are connected, as "
+                f"{len(names)} ({', '.join(names)}): name the connected axes, such as "
                 f"axes={{'{names[0]}': '{listed[0]}'}}"
             )
         return dict(zip(names, listed, strict=False))
@@ -109,7 +109,7 @@ def _identifiers(
             )
     if not axes or len(set(axes.values())) < len(axes):
         raise ModelError(
-            f"each axis of the stage needs an axis of the controller of its own, got {dict(axes)}"
+            f"each axis of the stage needs a different axis of the controller, got {dict(axes)}"
         )
     return dict(axes)
 
@@ -119,7 +119,7 @@ def _outputs(
 ) -> dict[str, str]:
     """Return the number of the piezo channel of each axis that has one.
 
-    Channels belong to axes in their order; axes that the stage moves by screws have none.
+    Channels belong to axes in their order; axes with screws have none.
     """
     if not connection.profile.knows("VOL?", "SVA"):
         return {}
@@ -175,8 +175,8 @@ def _range(connection: Connection, low: str, high: str, name: str, factor: float
     ends = [connection.client.ask_values(question, [name])[0] * factor for question in (low, high)]
     if not ends[0] < ends[1]:
         raise ControllerError(
-            f"the controller says '{low}' {ends[0]:g} and '{high}' {ends[1]:g} of {name}, which is "
-            "no range: look at its settings"
+            f"the controller answers {ends[0]:g} to '{low}' and {ends[1]:g} to '{high}' for "
+            f"{name}, which is not a range: check its settings"
         )
     return ends[0], ends[1]
 
@@ -200,7 +200,7 @@ def _channels(connection: Connection, axes: Sequence[AxisFacts]) -> tuple[Channe
 
 
 def _sensor_unit(word: str, number: int, axes: Sequence[AxisFacts]) -> float:
-    """Return the SI value of a sensor's unit; that of the first axis where it names none."""
+    """Return the SI value of a sensor's unit, by default that of the first axis."""
     if word.lower() == "urad":
         return 1e-6
     if not word:
@@ -234,14 +234,14 @@ def _waves(connection: Connection, axes: int) -> TableMemory | None:
 
 
 class PiController(Instrument):
-    """A controller that speaks the General Command Set 2, and the stage at it.
+    """A controller with the General Command Set 2, and its stage.
 
-    What it can do follows from the commands and parameters that the controller lists, never from
-    its name. Made by `PiController.open`. Only a simulated stage can be struck: its drives are
-    taken out for it, and put back before the next motion.
+    Its capabilities follow from the commands and parameters that the controller lists, never from
+    its name. Created by `PiController.open`. Only a simulated stage has a hammer: its drives are
+    removed for the impacts, and installed again before the next motion.
 
-    Validity: written by the published command set and tested against simulated controllers only,
-    never against hardware. Axes are referenced by `MotionAxis.reference` only.
+    Validity: written for the published command set and tested against simulated controllers only,
+    never against hardware. Only `MotionAxis.reference` references axes.
     """
 
     concurrent = True
@@ -257,11 +257,11 @@ class PiController(Instrument):
         factors: Mapping[int, float],
     ) -> None:
         self._connection, self._axes = connection, dict(axes)
-        #: What it says of itself, and the conversation, for what is not offered here.
+        #: Its profile, and the client for further commands.
         self.profile, self.client = connection.profile, connection.client
         self.identity = connection.profile.identity
         self._recorder, self._waves = recorder, waves
-        #: Its sensors by what they read, where the controller says so, else by their numbers.
+        #: Its sensors by name if the controller reports it, otherwise by number.
         self.channels = channels
         self._factors = dict(factors)
 
@@ -277,11 +277,11 @@ class PiController(Instrument):
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ) -> Self:
-        """Ask a controller what it is and what it can do; nothing moves, nothing is switched.
+        """Discover a controller; this neither moves the stage nor switches anything.
 
-        `axes` names the controller's axis by the name of the stage's; they are taken in their order
-        where not given. The transport is closed when this fails. `timeout` is the longest silence
-        before an answer is given up [s].
+        `axes` are the axes of the controller by the names of the stage's axes, by default in their
+        order. The transport is closed if this fails. `timeout` is the longest time without an
+        answer [s].
         """
         client = GcsClient(transport, timeout=timeout, clock=clock)
         try:
@@ -349,26 +349,24 @@ class PiController(Instrument):
     @property
     def recorder(self) -> PiRecorder:
         if self._recorder is None:
-            raise ModelError("this controller lists no commands of a data recorder")
+            raise ModelError("this controller has no commands of a data recorder")
         return self._recorder
 
     @property
     def waves(self) -> PiWaves:
         if self._waves is None:
-            raise ModelError("this controller lists no commands of a wave generator")
+            raise ModelError("this controller has no commands of a wave generator")
         return self._waves
 
     def channel(self, number: int) -> float:
         if number not in self._factors or not self.profile.knows("TSP?"):
             raise ModelError(
-                f"there is no sensor {number}: they are "
+                f"there is no sensor {number}: the sensors are "
                 f"{', '.join(map(str, self._factors)) or 'none'}"
             )
         value = self.client.ask_values("TSP?", [str(number)])[0]
         if not abs(value) < float("inf"):
-            raise ControllerError(
-                f"sensor {number} gives {value} instead of a reading: look at it and its cable"
-            )
+            raise ControllerError(f"sensor {number} reads {value}: check the sensor and its cable")
         return value * self._factors[number]
 
     def strike(self, axis: str) -> None:
@@ -376,7 +374,7 @@ class PiController(Instrument):
             super().strike(axis)
         if axis not in self._axes:
             raise ModelError(
-                f"there is no axis '{axis}': they are {', '.join(map(repr, self._axes))}"
+                f"there is no axis '{axis}': the axes are {', '.join(map(repr, self._axes))}"
             )
         self._connection.remove_drives()
         self._connection.tell(f"IMP {self._axes[axis].facts.identifier}")
@@ -403,7 +401,7 @@ class PiController(Instrument):
             if self.client.connected:
                 self._connection.restore_drives()
         except (NotConnectedError, ControllerError):
-            pass  # the drives are those of a simulation, and the link is ended anyway
+            pass  # the drives are simulated, and the link is closed anyway
         finally:
             self.client.close()
 
@@ -412,7 +410,7 @@ class PiController(Instrument):
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the link."""
+        """Disconnect."""
         self.close()
 
     def _can_strike(self) -> bool:

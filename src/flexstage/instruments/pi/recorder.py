@@ -13,44 +13,44 @@ from flexstage.instruments.pi.replies import parse_array
 from flexstage.instruments.protocol import Recorder, Signal
 from flexstage.records import Channel, Record
 
-#: How options are called that record a kind of signal, the best first.
+#: Patterns of the record options of a kind of signal, the best first.
 _OPTIONS = {
     "position": (r"^(current|real|actual) position of axis", r"^(current|real|actual) position"),
     "target": (r"^(target|commanded) position of axis", r"^(target|commanded) position"),
     "voltage": (r"^control voltage of output", r"^voltage of output", r"voltage"),
     "channel": (r"sensor.*mech\.? ?linear", r"sensor.*elec\.? ?linear", r"sensor"),
     "force": (r"hammer force",),
-    "response": (r"response to blow",),
+    "response": (r"response to .*\[m/s\^2\]",),
 }
-#: Units of what is always recorded in SI, where the option does not name another in brackets.
+#: Units of signals that are recorded in SI, unless the option names another unit in brackets.
 _PLAIN = {"voltage": "V", "force": "N", "response": "m/s^2"}
 _BRACKETS = re.compile(r"\[([^]]+)\]")
-#: What starts a recording with a waveform, and at once.
+#: Patterns of the trigger options for a start with a waveform, and immediately.
 _WITH_WAVE = (r"wave", r"any c.*chang", r"next command")
 _AT_ONCE = (r"immediate",)
-#: Part by which the time between rows may differ from the one that was set.
+#: Relative tolerance of the sample interval.
 _RATE_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelFacts:
-    """What is known of a sensor."""
+    """Properties of a sensor."""
 
     number: int
     """Its number."""
     name: str
-    """What it reads, where the controller says so; else its number."""
+    """Its name if the controller reports one; otherwise its number."""
     unit: str
     """SI unit: ``m`` or ``rad``."""
     factor: float
-    """SI value of one unit of the wire."""
+    """SI value of one unit of the controller."""
 
 
 class PiRecorder(Recorder):
-    """Records in tables of the controller, each of `capacity` samples.
+    """Recorder with tables of the controller, each of `capacity` samples.
 
-    The highest rate is that of its loop. Nothing is available while it waits for its start,
-    whatever older records hold.
+    The highest rate is that of its loop. No samples are available before the start, even if older
+    records exist.
     """
 
     def __init__(
@@ -79,8 +79,8 @@ class PiRecorder(Recorder):
             )
         if not 2 <= samples <= self.capacity:
             raise LimitError(
-                f"a table of the recorder has 2 to {self.capacity} samples, got {samples}: record "
-                "at a slower rate, or for a shorter time"
+                f"a table of the recorder must have 2 to {self.capacity} samples, got {samples}: "
+                "record at a lower rate, or for a shorter time"
             )
         if not 0.0 < rate_hz < float("inf"):
             raise ModelError(f"the rate of a record must be positive and finite, got {rate_hz!r}")
@@ -89,7 +89,7 @@ class PiRecorder(Recorder):
         for table, (source, option, _) in enumerate(sources, 1):
             self._connection.tell(f"DRC {table} {source} {option}")
         if 0 in self._connection.profile.record_options:
-            # what a table recorded before, also for others, would be in the way
+            # older records of a table, also of other programs, would interfere
             for table in range(len(sources) + 1, self._used + 1):
                 self._connection.tell(f"DRC {table} 0 0")
             self._used = len(sources)
@@ -111,14 +111,14 @@ class PiRecorder(Recorder):
         option = self._connection.profile.trigger_option(*_AT_ONCE)
         if option is None:
             raise ModelError(
-                "the recorder of this controller cannot be started by itself: it starts with "
+                "the recorder of this controller cannot be started immediately: it starts with "
                 f"{describe(self._connection.profile.trigger_options)}"
             )
         self._connection.tell(f"DRT 0 {option} 0")
         self._waiting = False
 
     def triggered(self) -> None:
-        """Take note that something has started that starts the recorder."""
+        """Note that the recorder was triggered."""
         self._waiting = False
 
     def available(self) -> int:
@@ -131,8 +131,8 @@ class PiRecorder(Recorder):
     def read(self, first: int, count: int) -> Record:
         if first < 0 or count < 2 or first + count > self._samples:
             raise ModelError(
-                f"the record has samples 0 to {self._samples - 1}, and two or more are read at "
-                f"once, got {count} from {first}"
+                f"the record has samples 0 to {self._samples - 1}, of which at least two are read "
+                f"at once, got {count} from {first}"
             )
         parts = []
         for start in range(first, first + count, self._connection.transfer.rows):
@@ -157,8 +157,8 @@ class PiRecorder(Recorder):
         if interval is not None and not abs(interval * self._rate - 1.0) <= _RATE_TOLERANCE:
             self._connection.check_state()
             raise ControllerError(
-                f"the recorder was set to {1.0 / self._rate:.6g} s from sample to sample, and "
-                f"sends {interval:.6g} s: this is not the record that was asked for"
+                f"the sample interval of the recorder was set to {1.0 / self._rate:.6g} s, but the "
+                f"record has {interval:.6g} s: this is not the requested record"
             )
         return columns
 
@@ -169,8 +169,8 @@ class PiRecorder(Recorder):
             option = self._connection.profile.record_option(*_OPTIONS[signal.kind])
         if option is None:
             raise ModelError(
-                f"the recorder of this controller knows nothing of the kind '{signal.kind}': it "
-                f"records {describe(self._connection.profile.record_options)}"
+                f"the recorder of this controller cannot record the kind '{signal.kind}': its "
+                f"options are {describe(self._connection.profile.record_options)}"
             )
         if signal.kind == "channel":
             channel = self._channel(signal.source)
@@ -184,18 +184,18 @@ class PiRecorder(Recorder):
             source = axis.facts.identifier
             if signal.kind == "voltage":
                 if axis.facts.output is None:
-                    raise ModelError(f"axis '{signal.source}' has no voltage to be recorded")
+                    raise ModelError(f"axis '{signal.source}' has no voltage to record")
                 source = axis.facts.output
         if signal.unit != unit:
             raise ModelError(
-                f"'{signal.name}' is recorded in {unit}, and its signal says {signal.unit!r}"
+                f"'{signal.name}' is recorded in {unit}, but its signal has {signal.unit!r}"
             )
         return source, option, factor
 
     def _axis(self, name: str) -> PiAxis:
         if name not in self._axes:
             raise ModelError(
-                f"there is no axis '{name}' to be recorded: they are "
+                f"there is no axis '{name}' to record: the axes are "
                 f"{', '.join(map(repr, self._axes))}"
             )
         return self._axes[name]
@@ -204,11 +204,11 @@ class PiRecorder(Recorder):
         channel = self._channels.get(int(text)) if text.isdecimal() else None
         if channel is None:
             raise ModelError(
-                f"there is no sensor '{text}' to be recorded: they are "
+                f"there is no sensor '{text}' to record: the sensors are "
                 f"{', '.join(map(str, self._channels)) or 'none'}"
             )
         return channel
 
     def _require_choice(self) -> None:
         if not self._signals:
-            raise ModelError("nothing was chosen to be recorded: call configure first")
+            raise ModelError("no signals are selected: call configure first")

@@ -13,17 +13,17 @@ from flexstage.instruments.pi.replies import VOLTS, WireUnit, parse_array
 from flexstage.instruments.protocol import Capability, Waveform, WaveGenerator
 from flexstage.stage.limits import AxisLimits
 
-#: Samples that are read back at each of the places that are looked at.
+#: Number of samples that are read back at each checked position.
 _LOOK = 3
-#: What may lie between where an axis stands and a first sample beside its slew: part of its range.
+#: Tolerance of the present value at the first sample, in addition to the slew, over the range.
 _START = 1e-3
-#: Least part of a step of the wire by which a sample that was read back may differ.
+#: Tolerance of a sample that was read back, in steps of the transmitted digits.
 _STEPS = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Table:
-    """One table as it was sent."""
+    """One transmitted table."""
 
     number: int
     axis: str
@@ -32,12 +32,12 @@ class _Table:
 
 
 class PiWaves(WaveGenerator):
-    """Runs tables of points.
+    """Generator of waveforms from tables of points.
 
-    Axis number i of the controller gets table i, and its feedforward table number of axes + i. The
-    tables are written point by point; a few points are read back, so that a controller that
-    understood them otherwise shows before anything moves. The highest rate is that of the loop;
-    `capacity` counts the samples of all tables. `on_start` is called when a waveform starts.
+    Axis number i of the controller uses table i, and its feedforward table number of axes + i. The
+    tables are written point by point. A few points are read back before any motion, which reveals a
+    controller with other units. The highest rate is that of the loop; `capacity` is the number of
+    samples of all tables. `on_start` is called when a waveform starts.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class PiWaves(WaveGenerator):
         self._loaded, self._sent = None, ()
         self._connection.tell(f"WTR 0 {divider} 1")
         if self._connection.profile.knows("WOS"):
-            # a generator may have an offset from an earlier user
+            # a generator may have an offset of an earlier program
             ids = [str(self._index(name) + 1) for name in waveform.values]
             self._connection.tell("WOS " + " ".join(f"{g} 0" for g in ids))
         for table in tables:
@@ -82,7 +82,7 @@ class PiWaves(WaveGenerator):
     def start(self, cycles: int = 1) -> None:
         waveform = self._loaded
         if waveform is None:
-            raise ControllerError("no waveform was loaded: load one before it is started")
+            raise ControllerError("no waveform was loaded: load one before the start")
         self._connection.check_state()
         check_waveform(self._limits, waveform, cycles=cycles)
         for name in waveform.values:
@@ -95,9 +95,9 @@ class PiWaves(WaveGenerator):
             self._axes[name].started()
         self._connection.tell("WGO " + " ".join(f"{g} 1" for g in generators))
         if self._connection.client.stops != stops:
-            # a stop that came before the generators ran has not ended them
+            # a stop before the start of the generators has not ended them
             self._connection.client.stop()
-            raise ControllerError("the waveform was stopped as it began", 10)
+            raise ControllerError("the waveform was stopped at its start", 10)
         self._on_start()
 
     def running(self) -> bool:
@@ -127,13 +127,13 @@ class PiWaves(WaveGenerator):
         if feedforward is not None:
             if waveform.quantity != "position" or feedforward.quantity != "voltage":
                 raise ModelError(
-                    "a feedforward is of voltages, beside a waveform of positions, got "
-                    f"{feedforward.quantity} beside {waveform.quantity}"
+                    "a feedforward consists of voltages for a waveform of positions, got "
+                    f"{feedforward.quantity} for {waveform.quantity}"
                 )
             if self._feedforward is None or 2 * self._count > self._tables:
                 raise ModelError(
-                    "this controller has no table of voltages beside its position control: run the "
-                    "positions alone, or the voltages in open loop"
+                    "this controller cannot add voltages under position control: run the positions "
+                    "alone, or the voltages in open loop"
                 )
             if (
                 feedforward.size != waveform.size
@@ -141,14 +141,15 @@ class PiWaves(WaveGenerator):
                 or not set(feedforward.values) <= set(waveform.values)
             ):
                 raise ModelError(
-                    "a feedforward has the samples, the rate and no other axes than its waveform"
+                    "a feedforward needs the number of samples and the rate of its waveform, and "
+                    "no other axes"
                 )
             check_waveform(self._limits, feedforward)
             needed += feedforward.size * len(feedforward.values)
         if needed > self.capacity:
             raise LimitError(
-                f"the wave tables hold {self.capacity} samples, and {needed} are asked for: use a "
-                "lower rate or a shorter waveform"
+                f"the wave tables have {self.capacity} samples, and the waveform needs {needed}: "
+                "use a lower rate or a shorter waveform"
             )
 
     def _divider(self, rate_hz: float) -> int:
@@ -156,8 +157,8 @@ class PiWaves(WaveGenerator):
         if divider < 1 or abs(self.base_rate_hz / divider - rate_hz) > 1e-9 * rate_hz:
             nearest = self.base_rate_hz / max(divider, 1)
             raise ModelError(
-                f"a waveform runs at a whole part of {self.base_rate_hz:g} Hz, got {rate_hz:.9g} "
-                f"Hz: the nearest is {nearest:.9g} Hz"
+                f"the rate of a waveform must be an integer fraction of {self.base_rate_hz:g} Hz, "
+                f"got {rate_hz:.9g} Hz: the nearest is {nearest:.9g} Hz"
             )
         return divider
 
@@ -185,7 +186,7 @@ class PiWaves(WaveGenerator):
             return
         with_it = () if feedforward is None else feedforward.values
         for name, place in places.items():
-            # a screw takes no voltages, and no choice of their table either
+            # a screw accepts no voltages, and no selection of their table
             if Capability.FEEDFORWARD_TABLE not in self._axes[name].capabilities:
                 continue
             table = self._count + place if name in with_it else 0
@@ -193,7 +194,7 @@ class PiWaves(WaveGenerator):
             self._connection.tell(f"SPA {identifier} 0x{self._feedforward:08X} {table}")
 
     def _read_back(self, table: _Table) -> None:
-        """Compare the beginning, the extreme and the end of a table with what was sent."""
+        """Compare start, extreme and end of a table with the transmitted values."""
         if not self._connection.profile.knows("GWD?"):
             return
         sent = np.array([float(text) for text in table.texts])
@@ -204,15 +205,15 @@ class PiWaves(WaveGenerator):
             lines = self._connection.client.ask(question)
             read = parse_array(lines, 1, rows, question)[0][0]
             written = sent[place : place + rows]
-            # it may print ten digits, or be of single precision
+            # the controller may print ten digits, or have single precision
             allowed = _STEPS * 10.0**-table.unit.decimals + 1e-6 * float(np.max(np.abs(sent)))
             if not np.all(np.abs(read - written) <= allowed):
                 k = int(np.argmax(~(np.abs(read - written) <= allowed)))
                 self._forget(table.number)
                 raise ControllerError(
-                    f"wave table {table.number} of axis '{table.axis}' holds {read[k]:.9g} at "
+                    f"wave table {table.number} of axis '{table.axis}' contains {read[k]:.9g} at "
                     f"point {place + k + 1}, where {written[k]:.9g} was written: the controller "
-                    "counts in other units or changed the points, so the waveform is not run"
+                    "uses other units or changed the points, so the waveform is not run"
                 )
 
     def _forget(self, table: int) -> None:
@@ -224,14 +225,14 @@ class PiWaves(WaveGenerator):
         closed, voltage = axis.closed_loop, waveform.quantity == "voltage"
         if closed == voltage:
             raise ControllerError(
-                f"axis '{name}' has its position control {'on' if closed else 'off'}, and the "
-                f"waveform is of {'voltages' if voltage else 'positions'}: switch the control "
-                f"{'off' if voltage else 'on'} first"
+                f"the position control of axis '{name}' is {'on' if closed else 'off'}, and the "
+                f"waveform consists of {'voltages' if voltage else 'positions'}: switch the "
+                f"control {'off' if voltage else 'on'} first"
             )
         bounds = range_of(axis.limits, waveform.quantity)
         span = 0.0 if bounds is None else bounds[1] - bounds[0]
         here = axis.voltage() if voltage else self._target(axis)
-        # the jump from end to start was looked at before; here only where the axis stands counts
+        # the step from end to start was checked before; this checks the first step
         one = Waveform(
             values={name: waveform.values[name]},
             sample_rate_hz=waveform.sample_rate_hz,

@@ -21,15 +21,15 @@ from flexstage.instruments.pi.simulated.parameters import (
     listing,
 )
 
-#: Longest simulated time that one command leads on by [s].
+#: Longest simulated time of one command [s].
 _LONGEST = 3600.0
 
 
 def identity_line(state: ControllerState) -> str:
-    """Return what ``*IDN?`` answers: vendor, model, serial number and firmware.
+    """Return the answer to ``*IDN?``: vendor, model, serial number and firmware.
 
-    Of a simulation the word ``simulated`` is part. Where it answers as a model the vendor's name is
-    part, by which drivers choose.
+    It contains the word ``simulated`` for a simulation, and for a controller type the name of the
+    vendor, by which programs choose their driver.
     """
     identity = state.device.identity
     vendor, model = identity.vendor, state.model.name or identity.model
@@ -57,9 +57,9 @@ Rows = Sequence[tuple[str, ...]]
 
 
 def _parameter_rows(state: ControllerState, rows: Rows) -> list[tuple[str, str, int]]:
-    """Return how parameters are called in the answer, as they were asked for, item and number.
+    """Return the requested parameters: name in the answer, item and number.
 
-    All of them where none is asked for.
+    All parameters where none is requested.
     """
     if not rows:
         all_items = ((item, key) for key, p in PARAMETERS.items() for item in items_of(state, p))
@@ -71,7 +71,7 @@ def _item_and_key(state: ControllerState, item: str, word: str) -> tuple[str, in
     key = unsigned_or_hex(word)
     require(key in PARAMETERS, Refusal.UNKNOWN_PARAMETER)
     parameter = PARAMETERS[key]
-    # the system is item 0 or 1, to different clients
+    # clients use 0 or 1 as the item of the system
     item = "1" if parameter.item == "system" and item == "0" else item
     unknown = Refusal.UNKNOWN_CHANNEL if parameter.item == "channel" else Refusal.UNKNOWN
     require(item in items_of(state, parameter), unknown)
@@ -79,10 +79,7 @@ def _item_and_key(state: ControllerState, item: str, word: str) -> tuple[str, in
 
 
 def delivered(state: ControllerState) -> dict[tuple[str, int], str]:
-    """Return the values of all parameters, which the controller keeps as those of delivery.
-
-    Texts by item and number.
-    """
+    """Return the texts of all parameters as delivered, by item and number."""
     return {
         (item, key): value_text(PARAMETERS[key].get(state, item))
         for _, item, key in _parameter_rows(state, ())
@@ -118,7 +115,7 @@ def _set_parameters(state: ControllerState, rows: Rows) -> Reply:
             if item not in drafts:
                 drafts[item] = state.servo_draft(item)
             parameter.edit(drafts[item], number(word))
-    # all of the position control at once: between two numbers it might not be stable
+    # the complete position control at once: intermediate settings might be unstable
     for axis, draft in drafts.items():
         state.apply_draft(axis, draft)
     for item, key, word in assignments:
@@ -138,11 +135,11 @@ def _axis_names(state: ControllerState, words: Sequence[str]) -> Reply:
 _SERVO, _MOVING, _ON_TARGET = 1 << 12, 1 << 13, 1 << 15
 #: Largest number of the converter of an input, 18 bits with sign.
 _DIGITS = (1 << 17) - 1
-#: What an input that has no range of its own reads at most [um, or urad].
+#: Full scale of an input without a range [um, or urad].
 _FULL_SCALE = 100.0
 #: Range of an axis's sensor over that of its positions; a stage at rest is below them.
 _SENSOR_SPAN = 1.5
-#: Part of the range of the voltage that is no way to its end.
+#: Distance from the end of the voltage range, over the range, that counts as the end.
 _AT_END = 1e-6
 
 
@@ -156,7 +153,7 @@ def _bits(state: ControllerState, axis: str) -> int:
 
 
 def status_register(state: ControllerState) -> str:
-    """Return what ``#4`` answers."""
+    """Return the answer to ``#4``."""
     return "0x" + "".join(f"{_bits(state, axis):04X}" for axis in state.axes)
 
 
@@ -166,7 +163,7 @@ def _registers(state: ControllerState, requested: Sequence[tuple[str, int]]) -> 
 
 
 def _overflow(state: ControllerState, axis: str) -> bool:
-    """Say whether position control asks for more voltage than there is."""
+    """Return whether the voltage of the position control is at an end of its range."""
     if state.axes[axis].kind != "piezo" or not state.device.servo_on(axis):
         return False
     low, high = state.voltage_range(axis)
@@ -175,7 +172,7 @@ def _overflow(state: ControllerState, axis: str) -> bool:
 
 
 def _normalized(state: ControllerState, channel: str) -> float:
-    """Return a reading as a part of the largest one [%], 0 in the middle of its range."""
+    """Return a reading in per cent of the largest one, 0 at mid-range."""
     reading = state.device.channel(int(channel)) / MICRO
     axes = list(state.axes)
     if int(channel) > len(axes):
@@ -189,7 +186,7 @@ def _digits(state: ControllerState, channel: str) -> int:
 
 
 def _set_line(state: ControllerState, settings: Sequence[tuple[int, int, str]]) -> None:
-    """Keep settings of digital outputs, which nothing is connected to."""
+    """Store settings of digital outputs, which have no connection."""
     state.trigger_settings.update({(line, key): word for line, key, word in settings})
 
 
@@ -199,12 +196,12 @@ def _settings(state: ControllerState, requested: Sequence[tuple[int, int]]) -> R
 
 
 def _unseen(_: ControllerState, __: object) -> None:
-    """Do nothing: no output shows it, and no command asks for it."""
+    """Do nothing, since no output and no question depend on this."""
 
 
 _AXES = "[{<AxisID>}]"
 _PARAMETERS = "[{<ItemID> <PamID>}]"
-#: Commands about the controller; ``HLP?`` is made from the list of all of them.
+#: Commands about the controller.
 IDENTITY = (
     question("*IDN?", "", "Get Device Identification", lambda s, _: identity_line(s)),
     question("AOS?", _AXES, "Get Analog Input Offset", lambda *_: 0.0),

@@ -14,24 +14,24 @@ from flexstage.instruments.pi.simulated.command import (
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
 from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState
 
-#: Part of the widest range by which a limit of a client may pass it because texts are rounded.
+#: Tolerance of a client's limit for rounded texts, over the widest range.
 _ROUNDING = 1e-6
 Value = Callable[[ControllerState, str], Any]
 
 
 def halt(state: ControllerState, axes: Sequence[str] | None = None) -> Reply:
-    """Stop axes, all where none is named, and tell the client."""
+    """Stop axes, by default all, and report the stop to the client."""
     state.stop(axes)
     raise RefusedError(Refusal.STOPPED)
 
 
 def moving_bits(state: ControllerState) -> str:
-    """Return what ``#5`` answers."""
+    """Return the answer to ``#5``."""
     return f"{sum(1 << i for i, axis in enumerate(state.axes) if state.device.moving(axis)):X}"
 
 
 def _stop(state: ControllerState, words: Sequence[str]) -> Reply:
-    """Stop first, whatever was said with it, and complain then."""
+    """Stop first, whatever the arguments are, and refuse them afterwards."""
     state.stop()
     require(not words, Refusal.NUMBER_OF_PARAMETERS)
     raise RefusedError(Refusal.STOPPED)
@@ -55,7 +55,7 @@ def _set_voltage(state: ControllerState, voltages: Mapping[str, float]) -> None:
 
 
 def _set_zero(state: ControllerState, voltages: Mapping[str, float | None]) -> None:
-    """Go through the range with control off, and count from where a low voltage leads to."""
+    """Move through the range in open loop, and set zero at a low voltage."""
     lowest = voltages or dict.fromkeys(state.axes)
     require(all(state.axes[axis].kind == "piezo" for axis in lowest), Refusal.NOT_ABLE)
     state.require_ready(
@@ -87,7 +87,7 @@ def _set_speed(state: ControllerState, values: Mapping[str, float]) -> None:
 
 
 def _set_speed_control(state: ControllerState, switches: Mapping[str, bool]) -> None:
-    """Let moves keep to the speed of the axis, or be as fast as the axis can."""
+    """Limit moves to the speed of the axis, or allow the largest speed."""
     for axis, on in switches.items():
         if on and axis in state.free_speeds:
             state.device.set_speed(axis, state.free_speeds.pop(axis))
@@ -115,7 +115,7 @@ def _soft_limit(of_voltage: bool, end: int) -> Callable[[ControllerState, Any], 
 
 
 def _set_online(state: ControllerState, words: Sequence[str]) -> Reply:
-    """Take commands over the interface: of one channel, or of all where none is named."""
+    """Accept commands over the interface for one channel, by default for all."""
     if len(words) == 1 and state.model.one_line:
         words = [word for name in state.outputs for word in (name, words[0])]
     pairs = groups(words, 2)
@@ -134,7 +134,7 @@ def _online(state: ControllerState, words: Sequence[str]) -> Reply:
 
 
 def _enable(state: ControllerState, switches: Mapping[str, bool]) -> None:
-    """Enable axes; an axis that is switched off stops and takes no motion."""
+    """Enable or disable axes; a disabled axis stops and accepts no motion."""
     off = [axis for axis, on in switches.items() if not on]
     if off:
         state.device.stop(off)
@@ -142,7 +142,7 @@ def _enable(state: ControllerState, switches: Mapping[str, bool]) -> None:
 
 
 def _reference(share: float, missing: Refusal) -> Callable[[ControllerState, Any], None]:
-    """Go to a switch at a part of the travel; piezo axes have none, and refuse."""
+    """Move to a switch at a fraction of the travel; piezo axes have none, and refuse."""
 
     def run(state: ControllerState, axes: Sequence[str]) -> None:
         require(all(state.has_switch(name) for name in axes), missing)
@@ -155,7 +155,7 @@ def _reference(share: float, missing: Refusal) -> Callable[[ControllerState, Any
 
 
 def _reference_mode(state: ControllerState, switches: Mapping[str, bool]) -> None:
-    """Let axes with switches move without a reference move, or only after one."""
+    """Require a reference move of axes with switches, or allow motion without it."""
     axes = [axis for axis, on in switches.items() if on]
     require(all(state.has_switch(axis) for axis in axes), Refusal.NO_REFERENCE_SENSOR)
     state.reference_mode.update(switches)
@@ -189,7 +189,7 @@ def _of_axes(name: str, text: str, value: Value, *, poll: bool = False) -> GcsCo
 
 
 def _of_outputs(name: str, text: str, value: Value) -> GcsCommand:
-    """Return a question about outputs, whose value is told of the axis that each drives."""
+    """Return a question about outputs, whose value is a function of their axis."""
     return question(name, "[{<OutputID>}]", text, lambda s, out: value(s, s.outputs[out]))
 
 
@@ -205,7 +205,7 @@ MOTION = (
     order("ATZ", "[{<AxisID> <LowValue>}]", "Set Automatic Zero Point", _set_zero, moves=True),
     _of_axes("ATZ?", "Get Automatic Zero Point State", lambda s, a: not s.device.zeroing(a),
              poll=True),
-    # kept without effect: the simulated amplifiers have no drift to be compensated
+    # stored without effect: the simulated amplifiers have no drift
     order("DCO", _SWITCHED, "Set Drift Compensation Mode",
           lambda s, switches: s.drift_compensation.update(switches)),
     _of_axes("DCO?", "Get Drift Compensation Mode", lambda s, a: s.drift_compensation[a]),

@@ -1,4 +1,4 @@
-"""Commands of tables: of the wave generator (segments, rate, start), and of the data recorder."""
+"""Commands of the tables of wave generator (segments, rate, start) and data recorder."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,13 +22,13 @@ from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.pi.simulated.gcs_state import ControllerState
 from flexstage.instruments.pi.simulated.record_store import RECORD_OPTIONS
 
-#: Bits of the start mode: begin at once; begin each cycle where the one before has ended.
+#: Bits of the start mode: start immediately; start each cycle at the end of the previous one.
 _START, _ONWARD = 1, 1 << 8
 _START_MODES = (0, _START, _START | _ONWARD)
 
 
 def running_bits(state: ControllerState) -> str:
-    """Return what ``#9`` answers."""
+    """Return the answer to ``#9``."""
     running = (state.device.wave_running(axis) for axis in state.generators.values())
     return f"{sum(1 << i for i, runs in enumerate(running) if runs):X}"
 
@@ -97,7 +97,7 @@ def _set_rate(state: ControllerState, words: Sequence[str]) -> Reply:
     for generator, *numbers in groups(words, 3):
         require(generator == "0" or generator in state.generators, Refusal.UNKNOWN)
         rate, interpolation = (unsigned(word) for word in numbers)
-        # straight lines join the samples; steps between them are not simulated
+        # interpolation is linear; steps between samples are not simulated
         smooth = interpolation == 1 or (interpolation == 0 and rate == 1)
         require(rate >= 1 and smooth, Refusal.BAD_VALUE)
         rates.add(rate)
@@ -125,7 +125,7 @@ def _start(state: ControllerState, modes: Mapping[str, int]) -> None:
 
 
 def _require_soft(state: ControllerState, axis: str, unit: float, offset: float) -> None:
-    """Refuse a waveform beyond limits that clients have set."""
+    """Refuse a waveform beyond the limits of clients."""
     samples = state.device.wave(state.device.wave_choice(axis)[0])
     voltages = not state.device.servo_on(axis)
     for end in (samples.min(), samples.max()):
@@ -158,22 +158,21 @@ WAVES = (
     GcsCommand("WTR", "{<WaveGenID> <WaveTableRate> <InterpolationType>}",
                "Set Wave Generator Table Rate", _set_rate, changes=True, free=True),
 )  # fmt: skip
-#: Words behind the kind of a segment.
+#: Number of words after the kind of a segment.
 _WORDS = {"SIN_P": 6, "RAMP": 7, "LIN": 6}
 
 
 def segment(kind: str, words: Sequence[str], *, present: int, room: int) -> Array:
     """Return the samples of a segment, as ``WAV`` describes it, in the unit of the command.
 
-    It is appended to the samples that are `present` in the table; `room` is the most that it can
-    have.
+    It is appended to the `present` number of samples of the table, and has at most `room` samples.
 
-    A segment has a length, and in it a curve that begins at a start point and has a length of its
-    own. Before the curve is the offset; behind it the offset too, for a line the offset and the
-    amplitude. A curve that reaches over the end of the segment goes on at its start, so that the
-    start point of a sine as long as its segment is a phase. Sample i of a curve is its value at i
-    over its length: the end of a curve is the start of what follows, and a sine that is repeated
-    has no sample twice.
+    A segment has a length, and contains a curve with a start point and its own length. Before the
+    curve is the offset; after it the offset too, for a line the offset plus the amplitude. A curve
+    that exceeds the end of the segment continues at its start, so that the start point of a sine
+    with the length of its segment is a phase. Sample i of a curve is its value at i over its
+    length: the end of a curve is the start of the next one, and a repeated sine has no duplicate
+    samples.
 
     Examples
     --------
@@ -206,14 +205,14 @@ def _points(words: Sequence[str], present: int, room: int) -> Array:
     require(len(words) >= 3, Refusal.NUMBER_OF_WAVE_PARAMETERS)
     start, size = unsigned(words[0]), unsigned(words[1])
     require(size == len(words) - 2, Refusal.NUMBER_OF_WAVE_PARAMETERS)
-    # counted in what is appended, or in the whole table: clients do either
+    # counted in the appended samples, or in the complete table: clients use both
     require(start in (1, present + 1), Refusal.WAVE_OUT_OF_RANGE)
     require(size <= room, Refusal.TABLE_FULL)
     return np.array([number(word) for word in words[2:]])
 
 
 def _sine(curve: int, centre: int) -> Array:
-    """Return half a cosine up to the centre, and another half down, 0 to 1."""
+    """Return a half cosine up to the centre, and another one down, 0 to 1."""
     require(1 <= centre < curve, Refusal.WAVE_OUT_OF_RANGE)
     i = np.arange(curve)
     turn = np.where(i < centre, i / centre, 1.0 + (i - centre) / (curve - centre))
@@ -227,7 +226,7 @@ def _ramp(curve: int, rounded: int, centre: int) -> Array:
 
 
 def _line(curve: int, rounded: int) -> Array:
-    """Return a line from 0 to 1 whose speed grows and falls evenly over its first and last part."""
+    """Return a line from 0 to 1 with constant acceleration at its start and end."""
     require(2 * rounded <= curve, Refusal.WAVE_OUT_OF_RANGE)
     i = np.arange(curve, dtype=np.float64)
     if rounded == 0:
@@ -239,7 +238,7 @@ def _line(curve: int, rounded: int) -> Array:
     return np.where(i < rounded, up, np.where(i > curve - rounded, down, even))
 
 
-#: What starts the recorder, by number.
+#: Trigger options of the recorder, by number.
 _TRIGGERS = {
     0: "default setting: start of a waveform, or a blow",
     1: "any command changing target position or open-loop voltage, too",

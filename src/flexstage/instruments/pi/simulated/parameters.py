@@ -1,7 +1,7 @@
 """Parameters of the simulated controller, read by ``SPA?`` and set by ``SPA``.
 
-Numbers below 0x70000000 are those of PI's piezo controllers; the simulated controller's own have
-``Twin`` in their group. Units are part of the names, so that a client can tell them.
+Numbers below 0x70000000 are those of PI's piezo controllers; additional ones of the simulated
+controller have the group ``Twin``. The names contain the units, for clients.
 """
 
 import re
@@ -15,7 +15,7 @@ from flexstage.instruments.pi.simulated.gcs_state import NOTCHES, ControllerStat
 from flexstage.instruments.protocol import Capability
 
 _KINDS = {int: "INT", str: "CHAR"}
-#: Leads simulated time on by the seconds that it is set to; reads how much has passed.
+#: Advances simulated time by the written value [s]; reads the elapsed time.
 SIMULATED_TIME = 0x7F000001
 Value = float | int | str
 Get = Callable[[ControllerState, str], Value]
@@ -28,20 +28,20 @@ class Parameter:
     """A parameter."""
 
     item: str
-    """What it belongs to; ``piezo``: an axis with a voltage; ``servo``: one with a position control
-    that can be set.
+    """Kind of its items; ``piezo``: an axis with a voltage; ``servo``: an axis with adjustable
+    position control.
     """
     group: str
-    """The heading that it is listed under."""
+    """Group in the list."""
     name: str
-    """What it is listed as."""
+    """Name in the list."""
     get: Get
-    """Returns the value, from state and item."""
+    """Function that returns the value, of state and item."""
     _: KW_ONLY
     set: Set | None = None
-    """Sets it, from state, item and word."""
+    """Function that sets the value, of state, item and word."""
     edit: Edit | None = None
-    """Sets a number of the position control, all of which are changed at once."""
+    """Function that sets a number in a draft of the position control."""
 
     @property
     def writable(self) -> bool:
@@ -65,7 +65,7 @@ def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
 
 
 def listing(state: ControllerState) -> list[str]:
-    """Return what ``HPA?`` answers: number, level to write it, items, type, group, name."""
+    """Return the answer to ``HPA?``: number, write level, items, type, group, name."""
     lines = ["The following parameters are valid:"]
     for identifier, parameter in PARAMETERS.items():
         items = items_of(state, parameter)
@@ -97,7 +97,7 @@ def _record_tables(state: ControllerState, _: str, word: str) -> None:
 
 
 def _no_analogue_input(_: ControllerState, __: str, word: str) -> None:
-    """Accept that no input gives the target, which is how it is."""
+    """Accept only 0, since no analogue input can be the target."""
     require(unsigned(word) == 0, Refusal.BAD_VALUE)
 
 
@@ -142,7 +142,7 @@ def _vendor(state: ControllerState, _: str) -> str:
 
 
 def _facts() -> dict[int, Parameter]:
-    """Return what can only be read; the sensors of the simulation need no correction."""
+    """Return the read-only parameters; the simulated sensors need no correction."""
     parameters: dict[int, Parameter] = {}
 
     def add(identifier: int, item: str, group: str, name: str, get: Get) -> None:
@@ -216,7 +216,7 @@ _PLAIN = {
                           lambda s, _: int(s.device.recorder.capacity)),
     0x16000300: Parameter("system", "Data Recorder", "Data Recorder Chan Number",
                           lambda s, _: s.recorder.tables, set=_record_tables),
-    # taken by SPA itself, after all other parameters
+    # set by SPA itself, after all other parameters
     SIMULATED_TIME: Parameter(
         "system", "Twin",
         "Simulated Time [s]: leads on by the seconds it is set to, where it runs fast",
