@@ -294,13 +294,13 @@ def test_a_second_client_may_look_and_stop_and_not_move():
     with closing(first), closing(second):
         first.axes["x"].set_voltage(20.0)
         assert second.axes["x"].voltage() == pytest.approx(20.0, abs=0.01)
-        with pytest.raises(ControllerError, match="another program controls it") as info:
+        with pytest.raises(ControllerError, match="another program has control") as info:
             second.axes["x"].set_voltage(0.0)
         assert info.value.code == 1005
         first.axes["x"].set_closed_loop(True)
         first.axes["x"].move_to(50e-6, wait=False)
         second.stop()
-        with pytest.raises(ControllerError, match="it was stopped, or somebody else"):
+        with pytest.raises(ControllerError, match="it was stopped, or another program"):
             first.axes["x"].wait()
 
 
@@ -431,7 +431,7 @@ def test_a_control_that_swings_is_switched_off_when_its_time_is_over(twin):
     axis.set_closed_loop(True)
     axis.set_servo(ServoSettings(integral=2e10))
     axis.move_to(30e-6, wait=False)
-    with pytest.raises(ControllerError, match=r"after 2 s .* its control switched off"):
+    with pytest.raises(ControllerError, match=r"after 2 s .* its position control switched off"):
         axis.wait(2.0)
     assert not axis.closed_loop
     piezo.pause(0.3)
