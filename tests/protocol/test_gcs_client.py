@@ -374,7 +374,7 @@ def test_a_gateway_that_is_silent_is_waited_for_by_the_clock():
         clock=lambda: now[0],
         sleep=lambda s: now.__setitem__(0, now[0] + s),
     )
-    with pytest.raises(NoAnswerError, match=r"nothing came from gateway Gateway in 0\.5 s"):
+    with pytest.raises(NoAnswerError, match=r"no data from gateway Gateway in 0\.5 s"):
         link.receive(0.5)
     assert now[0] == pytest.approx(0.5, abs=0.01)
 

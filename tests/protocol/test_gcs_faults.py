@@ -537,7 +537,7 @@ def test_a_sensor_without_a_number_is_said(text):
     script.faults["VOL?"] = f"2={text}\n".encode()
     with pytest.raises(ControllerError, match="sensor of axis 'y' reads"):
         controller.axes["y"].position()
-    with pytest.raises(ControllerError, match="sensor 4 gives"):
+    with pytest.raises(ControllerError, match="sensor 4 reads"):
         controller.channel(4)
     with pytest.raises(ControllerError, match="voltage of axis 'y' reads"):
         controller.axes["y"].set_voltage(5.0)
