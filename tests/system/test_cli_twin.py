@@ -178,7 +178,7 @@ def test_a_port_that_is_taken(capsys):
         (["vgtu-piezo", "--axes", "2"], "such as X,Y, got '2'"),  # the second is called so already
         (["vgtu-piezo", "--axes", "X,"], "got 'X,'"),
         (["vgtu-piezo", "--axes", "a-b"], "got 'a-b'"),
-        (["vgtu-piezo", "--address", "70000"], "a port from 0 to 65535, with"),
+        (["vgtu-piezo", "--address", "70000"], "a port from 0 to 65535, optionally"),
         (["vgtu-piezo", "--servo-rate", "1 um"], "'um' is not a unit of frequency"),
         (["vgtu-piezo", "--servo-rate", "1 Hz"], "must be from 1000 to 50000"),
         (["vgtu-piezo", "--seed", "-1"], "--seed"),
