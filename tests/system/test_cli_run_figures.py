@@ -138,4 +138,4 @@ def test_a_simulated_card_says_so_beside_the_results(capsys, tmp_path):
     said = capsys.readouterr()
     assert ended.value.code == 0
     assert json.loads(said.out)["origin"] == "virtual"
-    assert said.err == "flexstage: simulated card, as asked for: nothing was measured\n"
+    assert said.err == "flexstage: simulated card, as requested: not measured data\n"
