@@ -216,7 +216,9 @@ def test_smallest_steps_are_the_resolution() -> None:
     figure = found.figure("resolution", "y")
     near(figure.estimate, 31e-9, 2e-9)
     assert figure.estimate.note.startswith("mean of the smallest steps")
-    with pytest.raises(RecordError, match=r"test 's': no step size is distinguishable from the noise"):
+    with pytest.raises(
+        RecordError, match=r"test 's': no step size is distinguishable from the noise"
+    ):
         run(test, staircase(1e-10, 4e-9))
 
 
@@ -351,7 +353,9 @@ def test_corners_that_are_missing_or_over() -> None:
         return replace(whole, channels=cut, time=whole.time[:n])
 
     found = run(test, part(10))
-    assert found.results[0].notes == ("2 complete rounds are evaluated; further visits are ignored",)
+    assert found.results[0].notes == (
+        "2 complete rounds are evaluated; further visits are ignored",
+    )
     for few in (3, 5):
         with pytest.raises(RecordError, match=r"corners are numbered 0 to 3.*at least twice"):
             run(test, part(few))
@@ -438,7 +442,9 @@ def test_positioning_by_dwells() -> None:
     assert b.value == pytest.approx(17e-9, abs=5e-9)
     said = found.results[0].notes
     assert said[0].startswith("4 runs to 4 targets: 41 dwells of about 20 samples")
-    assert said[1].startswith("positions that were approached from one side only are ignored: 0, 52 ")
+    assert said[1].startswith(
+        "positions that were approached from one side only are ignored: 0, 52 "
+    )
 
 
 def probed(axis, seed=11, count=6, stations=15):
@@ -647,7 +653,9 @@ def test_commands_of_a_report_that_has_none() -> None:
     )  # fmt: skip
     listed = replace(named, columns=Columns(spheres=("A", "B", "C")), commands=tuple(told.tolist()))
     assert run(listed, without).figures == run(named, data).figures
-    with pytest.raises(RecordError, match=r"gives 3 commands for 180 stations: give one command for each station"):
+    with pytest.raises(
+        RecordError, match=r"gives 3 commands for 180 stations: give one command for each station"
+    ):
         run(replace(listed, commands=(0.0, 1e-6, 2e-6)), without)
 
 

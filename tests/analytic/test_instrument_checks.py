@@ -42,7 +42,8 @@ def test_values_at_the_ends_are_allowed_and_beyond_them_not() -> None:
 
 def test_the_sentence_names_sample_time_value_and_limit() -> None:
     with pytest.raises(
-        LimitError, match=r"'x' would be sent to 114 V at sample 2 \(0\.0285714 s\).* -7 to 113 V \(2 of 4"
+        LimitError,
+        match=r"'x' would be sent to 114 V at sample 2 \(0\.0285714 s\).* -7 to 113 V \(2 of 4",
     ):
         check_waveform({"x": LIMITS}, voltage(100.0, 107.0, 114.0, 115.0))
     with pytest.raises(LimitError, match=r"change at 910 V/s after sample 1 \(0\.0142857 s\).*900"):

@@ -122,7 +122,9 @@ def test_waiting_ends_with_rest_or_with_a_stop() -> None:
     made.x.wait()
     assert (made.stops, round(made.paused, 9)) == (0, 0.07)
     made.x.busy = 10**9
-    with pytest.raises(ControllerError, match=r"axis .x. still moved after 0\.5 s: the stage was stopped"):
+    with pytest.raises(
+        ControllerError, match=r"axis .x. still moved after 0\.5 s: the stage was stopped"
+    ):
         made.x.wait(0.5)
     assert made.stops == 1
     made.gone = True

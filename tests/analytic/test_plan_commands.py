@@ -8,15 +8,15 @@ from flexstage.experiments.axis_limits import AxisSetting
 from flexstage.experiments.command import CommandWaveform, Strike
 from flexstage.experiments.excitations import (
     BidirectionalTargets,
-    HammerImpacts,
     Chirp,
-    WorkspaceCorners,
-    Designed,
-    EqualCycles,
     DescendingLoops,
+    Designed,
     Dwell,
+    EqualCycles,
+    HammerImpacts,
     Multisine,
     RisingSteps,
+    WorkspaceCorners,
 )
 from flexstage.experiments.verbs.excite import whole_part
 
@@ -52,7 +52,9 @@ def test_a_cosine_is_one():
 
 
 def test_falling_cycles_end_at_the_share_that_was_asked_for():
-    found = made(DescendingLoops(axis="x", rate=1.0, full=2, descending=4, smallest=0.2, condition=1))
+    found = made(
+        DescendingLoops(axis="x", rate=1.0, full=2, descending=4, smallest=0.2, condition=1)
+    )
     v = found.waveform.values["x"]
     assert v.size == 7001
     assert np.ptp(v[1000:3001]) == pytest.approx(120.0)

@@ -97,7 +97,11 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
         (HEAD + "  - {excite: {kind: dwell, axis: x}}\n", 7, "'name' is missing"),
         (HEAD + "  - {name: a}\n", 7, "needs exactly one verb"),
         (HEAD + "  - {name: a, excite: {kind: dwell, axis: x}, measure: {of: b}}\n", 7, "one verb"),
-        (HEAD + "  - {name: a.b, excite: {kind: dwell, axis: x}}\n", 7, "must not contain a space, dot"),
+        (
+            HEAD + "  - {name: a.b, excite: {kind: dwell, axis: x}}\n",
+            7,
+            "must not contain a space, dot",
+        ),
         (HEAD + "  - {name: a, excites: {kind: dwell}}\n", 7, "did you mean 'excite'?"),
         (HEAD + "  - {name: a, excite: {axis: x}}\n", 7, "'kind' is missing"),
         (HEAD + "  - {name: a, excite: {kind: cycle, axis: x}}\n", 7, "did you mean 'cycles'?"),

@@ -59,7 +59,10 @@ def test_a_record_that_could_not_be_evaluated_is_not_taken(options: str, said: s
     ("step", "said"),
     [
         ("characterise: {of: [m, m]}", "characterise names 'm' twice"),
-        ("identify: {of: [m], output: y}", "the output of sensor 'y', which step 'm' does not record"),
+        (
+            "identify: {of: [m], output: y}",
+            "the output of sensor 'y', which step 'm' does not record",
+        ),
         ("centre: {axes: [x, x]}", "centre needs two axes, got 'x' twice"),
         ("centre: {axes: [x, q]}", "has no axis 'q': its axes are x, y"),
         ("centre: {moves: 1000}", "from 1 to 100, got '1000'"),

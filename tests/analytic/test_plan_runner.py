@@ -57,7 +57,8 @@ steps:
   - {name: stairs, excite: {kind: staircase, axis: x, step: 700 mV, levels: 5, dwell: 200 ms,
                             settle: 100 ms}}
   - {name: steps, measure: {of: stairs, test: staircase, along: x}}
-  - {name: round, excite: {kind: workspace-corners, rounds: 3, dwell: 50 ms, travel: 100 ms, high: 0.5}}
+  - {name: round, excite: {kind: workspace-corners, rounds: 3, dwell: 50 ms,
+                            travel: 100 ms, high: 0.5}}
   - {name: area, measure: {of: round, test: workspace, x: x, y: y}}
   - {name: figures, characterise: {of: [motion, steps, area]}}
 """

@@ -87,11 +87,11 @@ def test_the_inverse_and_control_leave_little_of_the_loop(tmp_path):
         "  - {name: memories, measure: {of: memory, along: x}}\n"
         "  - {name: preisach, identify: {of: [memories], output: x, characterised_by: in-place}}\n"
         "  - {name: open, verify: {model: preisach, along: x, reference: {settle: 1, cycles: 2}}}\n"
-        "  - {name: closed, verify: {model: preisach, along: x, control_modes: [feedback, both, learning],"
-        " trials: 3, reference: {settle: 1, cycles: 2, shape: triangle}}}\n"
+        "  - {name: closed, verify: {model: preisach, along: x, "
+        "control_modes: [feedback, both, learning], trials: 3, reference: {settle: 1, cycles: 2, shape: triangle}}}\n"
         "  - {name: modeless, identify: {of: [memories], output: x}}\n"
-        "  - {name: alone, verify: {model: modeless, along: x, control_modes: [learning], trials: 2,"
-        " reference: {settle: 1, cycles: 2, shape: triangle}}}\n"
+        "  - {name: alone, verify: {model: modeless, along: x, control_modes: [learning], "
+        "trials: 2, reference: {settle: 1, cycles: 2, shape: triangle}}}\n"
         "  - {name: inverse, compensate: {model: preisach, reference: {settle: 1, cycles: 1}}}\n"
         "  - {name: again, measure: {of: inverse, along: x}}\n",
         tmp_path,

@@ -119,7 +119,10 @@ def refused(instrument: SimpleInstrument, error: type[Exception], match: str, **
 def test_what_cannot_run_is_refused_before_anything_moves() -> None:
     high = voltages(offset=61.0)
     refused(
-        SimpleInstrument(), LimitError, r"axis 'x' would be sent to 120\.\d+ V at sample", waveform=high
+        SimpleInstrument(),
+        LimitError,
+        r"axis 'x' would be sent to 120\.\d+ V at sample",
+        waveform=high,
     )
     ramp = Waveform(
         values={"x": np.linspace(1.0, 90.0, 50)}, sample_rate_hz=5e3, quantity="voltage"

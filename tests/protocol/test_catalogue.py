@@ -452,7 +452,10 @@ def test_the_default_is_in_the_users_data(monkeypatch, tmp_path):
     [
         (" ", "must not be empty"),
         ("mysql://u:secret@h/d", "needs the driver 'MySQLdb', which is not installed"),
-        ("paper://u:secret@h/d", r"does not support the database of the catalogue paper://u:\*\*\*@h/d: give"),
+        (
+            "paper://u:secret@h/d",
+            r"does not support the database of the catalogue paper://u:\*\*\*@h/d: give",
+        ),
         ("sqlite://", "in memory would be lost"),
         ("postgresql://u:secret@h:port/d", "is not valid"),
     ],

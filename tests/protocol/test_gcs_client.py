@@ -428,7 +428,7 @@ def test_a_conversation_over_a_serial_port():
         with pytest.raises(NoAnswerError, match="did not answer 'POS"):
             client.ask("POS? 1", timeout=0.02)
         client.close()
-        with pytest.raises(NotConnectedError, match="the connection to .* is closed"):
+        with pytest.raises(NotConnectedError, match=r"the connection to .* is closed"):
             client.ask("POS? 1")
     finally:
         ended.set()

@@ -7,7 +7,7 @@ from flexstage.base.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.replies import VOLTS, WireUnit, axis_unit
-from flexstage.instruments.pi.waves import point_lines
+from flexstage.instruments.pi.tables import point_lines
 from flexstage.instruments.protocol import (
     Capability,
     Instrument,
@@ -100,7 +100,9 @@ def test_commands_that_are_not_listed_are_neither_used_nor_promised():
 
 def test_half_an_answer_is_told_from_what_a_controller_lacks():
     half = "*IDN? CSV? ERR? HLP? MOV POS?"
-    with pytest.raises(ControllerError, match=r"6 commands, none .* starts with T .* is incomplete"):
+    with pytest.raises(
+        ControllerError, match=r"6 commands, none .* starts with T .* is incomplete"
+    ):
         opened(ScriptedController(commands=half))
 
 

@@ -15,7 +15,7 @@ from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.simulated.address import Loopback
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.controller import VirtualController
-from flexstage.instruments.pi.simulated.gcs_state import MODELS, GENERIC, ControllerModel
+from flexstage.instruments.pi.simulated.gcs_state import GENERIC, MODELS, ControllerModel
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import GcsServer
 from flexstage.instruments.protocol import Capability, Instrument, Signal, Waveform

@@ -86,7 +86,9 @@ def test_a_late_answer_is_not_taken_for_that_to_the_next_question():
     controller, script, _ = opened()
     script.target["1"], script.target["2"] = 11.0, 22.0
     late(script, "POS? 1", "*IDN?")
-    with pytest.raises(NoAnswerError, match=r"did not answer 'POS\? 1' within 2 s; other questions are answered"):
+    with pytest.raises(
+        NoAnswerError, match=r"did not answer 'POS\? 1' within 2 s; other questions are answered"
+    ):
         controller.axes["x"].position()
     # the same question again, whose late answer would look right
     script.target["1"] = 12.0
@@ -184,7 +186,7 @@ def test_who_answers_no_more_is_given_up_and_nothing_more_leaves():
         lambda: controller.axes["x"].set_voltage(5.0),
         controller.waves.running,
     ):
-        with pytest.raises(NotConnectedError, match="the connection to .* is closed"):
+        with pytest.raises(NotConnectedError, match=r"the connection to .* is closed"):
             job()
     assert script.log == []
     controller.close()
@@ -358,7 +360,9 @@ def test_an_axis_that_does_not_arrive_is_stopped():
     axis.set_closed_loop(True)
     axis.move_to(5e-6, wait=False)
     script.arrives = False
-    with pytest.raises(ControllerError, match="after 3 s and was stopped, with its position control switched"):
+    with pytest.raises(
+        ControllerError, match="after 3 s and was stopped, with its position control switched"
+    ):
         axis.wait(3.0)
     assert clock.now == pytest.approx(3.0, abs=0.02)
     sent = commands(script.log)
@@ -453,7 +457,9 @@ def test_a_table_that_is_gone_says_that_the_controller_was_restarted():
     controller, script, _ = opened()
     controller.waves.load(shape(0.0, 1.0))
     script.power_on()
-    with pytest.raises(ControllerError, match="although this program had written it: it was restarted"):
+    with pytest.raises(
+        ControllerError, match="although this program had written it: it was restarted"
+    ):
         controller.waves.start()
     assert script.running == 0
 

@@ -394,7 +394,9 @@ def test_with_a_driver_the_card_is_real_unless_asked_otherwise(
     # Nobody may guess what a real sensor reads for a volt.
     with pytest.raises(ModelError, match="sensitivity=10um/V"):
         open_address("ni://Dev1?x=ao0,ai2")
-    with pytest.raises(ModelError, match=r"the sensitivity of sensor 'y': .*'sensitivity\.y=10um/V'"):
+    with pytest.raises(
+        ModelError, match=r"the sensitivity of sensor 'y': .*'sensitivity\.y=10um/V'"
+    ):
         open_address("ni://Dev1?x=ao0,ai2&y=ao1,ai3&amplifier=1&sensitivity.x=3um/V")
     # Nor by what a drive gets more than the output gives.
     with pytest.raises(ModelError, match=r"of axis 'x': .*'amplifier=1' without one"):

@@ -568,8 +568,14 @@ def test_an_address_wires_each_sensor_and_drive_by_itself() -> None:
         ("ni://Dev1?x=ao0,ai0&simulated=1&terminal=single", "expected default, diff, nrse, pseudo"),
         ("ni://Dev1?x=ao0,ai0&simulated=1&range=5V:-5V", "must rise"),
         ("ni://Dev1?x=ao0,ai0&simulated=1&range=5", "has no unit"),
-        ("ni://Dev1?x=ao0,ai0&simulated=1&range.z=5V", r"unknown option 'range.z': sensors \(x\) have"),
-        ("ni://Dev1?x=ao0,ai0&roll=ai2&simulated=1&amplifier.roll=2", "unknown option 'amplifier.roll'"),
+        (
+            "ni://Dev1?x=ao0,ai0&simulated=1&range.z=5V",
+            r"unknown option 'range.z': sensors \(x\) have",
+        ),
+        (
+            "ni://Dev1?x=ao0,ai0&roll=ai2&simulated=1&amplifier.roll=2",
+            "unknown option 'amplifier.roll'",
+        ),
         ("ni://Dev1?x=ao0,ai0&simulated=1&rate.x=2kHz", "unknown option 'rate.x'"),
         ("ni://Dev1?x=ao0,ai0&simulated=1&standing=11V", "cannot be at 11 V"),
         ("ni://Dev1?x=ao0,ai0&simulated=1&sensitivity=3urad/V", "'sensitivity' in the address"),

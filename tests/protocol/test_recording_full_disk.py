@@ -138,7 +138,9 @@ def test_an_end_that_cannot_be_written_is_told_and_tried_again(tmp_path):
 
 def test_a_stream_that_cannot_be_begun_leaves_no_file(tmp_path):
     opener, _ = small_disk(100)
-    with pytest.raises(RecordError, match=r"cannot be started: No space left.* nothing was recorded"):
+    with pytest.raises(
+        RecordError, match=r"cannot be started: No space left.* nothing was recorded"
+    ):
         writer(tmp_path / "run.stream", opener=opener)
     assert not list(tmp_path.iterdir())
 
@@ -188,7 +190,9 @@ def test_no_room_for_the_hdf5_file(tiny_disk):
         run.append(1000 * k, truth(1000 * k, 1000))
     # 4 channels of 8 bytes each, and what describes them
     needed = "has 1.0 MB of free space, and the record needs 1.2 MB: all 35000 samples are safe in"
-    with pytest.raises(RecordError, match=f"{needed} .*; free some space, then run 'flexstage runs recover"):
+    with pytest.raises(
+        RecordError, match=f"{needed} .*; free some space, then run 'flexstage runs recover"
+    ):
         run.close()
     assert [p.name for p in tiny_disk.iterdir()] == ["run.stream"]
     record, recovery = recover(path)

@@ -286,7 +286,10 @@ BAD_CHUNKS = [
     (lambda c: c.pop("x"), "must have the channels x, drive"),
     (lambda c: c.update(z=c["x"]), "must have the channels x, drive"),
     (lambda c: c.update(x=c["x"][:-1]), "the same number of samples, got x: 4, drive: 5"),
-    (lambda c: c.update(x=c["x"].reshape(5, 1)), r"array of numbers, got float64 of shape \(5, 1\)"),
+    (
+        lambda c: c.update(x=c["x"].reshape(5, 1)),
+        r"array of numbers, got float64 of shape \(5, 1\)",
+    ),
     (lambda c: c.update(x=c["x"] * 1j), "array of numbers, got complex128"),
     (lambda c: c.update(x=list("abcde")), "array of numbers, got <U1"),
 ]

@@ -81,7 +81,10 @@ def test_what_is_virtual_says_so(made):
     results = json.loads((folder / "results.json").read_text())
     assert results["origin"] == "virtual"
     assert results["notes"][0] == "virtual measurement: simulated data, not measured"
-    assert "virtual measurement: simulated data, not measured" in (folder / "campaign.yaml").read_text()
+    assert (
+        "virtual measurement: simulated data, not measured"
+        in (folder / "campaign.yaml").read_text()
+    )
     assert "virtual measurement" in (folder / "report.html").read_text()
 
 

@@ -30,7 +30,8 @@ steps:
   - {name: model, identify: {of: [memory], output: x, model: [preisach]}}
   - name: held
     verify:
-      {model: model, along: x, control_modes: [feedback], reference: {rate: 5 Hz, settle: 1, cycles: 2}}
+      {model: model, along: x, control_modes: [feedback],
+       reference: {rate: 5 Hz, settle: 1, cycles: 2}}
 """
 
 

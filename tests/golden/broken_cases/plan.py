@@ -125,8 +125,14 @@ EDITS: Edits = {
     "a record of another verb": ("of: [taken]", "of: [loops]"),
     "a sensor that was not recorded": ("of: [taken], output: x", "of: [taken], output: tilt"),
     "a model of a step of another verb": ("verify: {model: model", "verify: {model: taken"),
-    "a way that is none": ("control_modes: [open loop, inverse]", "control_modes: [open loop, inverrse]"),
-    "a way given twice": ("control_modes: [open loop, inverse]", "control_modes: [inverse, inverse]"),
+    "a way that is none": (
+        "control_modes: [open loop, inverse]",
+        "control_modes: [open loop, inverrse]",
+    ),
+    "a way given twice": (
+        "control_modes: [open loop, inverse]",
+        "control_modes: [inverse, inverse]",
+    ),
     "trials that are not whole": ("control_modes: [open loop, inverse]", "trials: 2.5"),
     "a figure evaluated twice": (
         "characterise: {of: [motion]}",

@@ -15,9 +15,8 @@ from flexstage.instruments.pi.connection import (
     read_profile,
 )
 from flexstage.instruments.pi.conversation import GcsClient
-from flexstage.instruments.pi.recorder import ChannelFacts, PiRecorder
 from flexstage.instruments.pi.replies import WireUnit, axis_unit
-from flexstage.instruments.pi.waves import PiWaves
+from flexstage.instruments.pi.tables import ChannelFacts, PiRecorder, PiWaves
 from flexstage.instruments.protocol import Capability, ChannelMap, Instrument
 from flexstage.instruments.transport import (
     DEFAULT_BAUD,

@@ -253,7 +253,9 @@ def run_command(
     stream = _stream(folder, "waveform")
     metadata = about.metadata(device, "waveform", axis)
     try:
-        command.record(device, signals_of(device, axis), rate_hz, stream, metadata, others_to_rest=False)
+        command.record(
+            device, signals_of(device, axis), rate_hz, stream, metadata, others_to_rest=False
+        )
     finally:
         notes = _kept(stream)
     return _recorded(stream, axis, notes)
