@@ -226,8 +226,8 @@ def test_the_piezo_plan_holds_what_the_study_did():
     assert tests >= {"motion", "staircase", "hold", "response", "workspace"}
     models = {m for s in plan.steps if isinstance(s.action, Identify) for m in s.action.model}
     assert models >= {"bouc-wen", "preisach"}
-    ways = {w for s in plan.steps if isinstance(s.action, Verify) for w in s.action.control_modes}
-    assert ways == {"open loop", "inverse", "feedback", "both", "learning"}
+    modes = {m for s in plan.steps if isinstance(s.action, Verify) for m in s.action.control_modes}
+    assert modes == {"open loop", "inverse", "feedback", "both", "learning"}
 
 
 def test_a_dry_run_says_which_limit_a_command_leaves():
@@ -243,7 +243,7 @@ def test_a_dry_run_says_which_limit_a_command_leaves():
         + fast.replace("90 Hz", "125 Hz")
     )
     found = dry_run(faster, plan_stage(faster))
-    assert "40000 V/s is its limit" in found.problems[0]
+    assert "its limit is 40000 V/s" in found.problems[0]
 
 
 def test_a_dry_run_needs_positions_of_a_piezo_axis_only_about():

@@ -289,7 +289,7 @@ def test_an_interruption_stops_the_stage_and_can_be_taken_up(tmp_path):
 
 def test_a_lost_link_says_how_much_is_safe(tmp_path):
     cut = bench(cut_link_at=2.3)
-    with pytest.raises(NotConnectedError, match=r"step 'steps': .* samples are safe"):
+    with pytest.raises(NotConnectedError, match=r"step 'steps': .* samples are saved"):
         run_plan(made(), cut, tmp_path)
     assert not cut.log[-1].startswith(("load", "start"))
 
