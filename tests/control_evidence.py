@@ -13,11 +13,11 @@ import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.control import (
+    ControlMode,
     Learning,
     LearningSettings,
     ServoDesign,
     Trajectory,
-    Way,
     compensate,
     control_run,
     learn,
@@ -110,10 +110,10 @@ class Bench:
         else:
             before = self.open_loop(np.zeros(2))
         values = np.tile(run.waveform.values[self.axis], run.cycles)
-        if run.way is Way.FEEDFORWARD:
+        if run.mode is ControlMode.FEEDFORWARD:
             return self.open_loop(values)
         self.stage.set_servo_settings(self.axis, run.servo[self.axis])
-        # a slow way to where the trajectory begins
+        # a slow move to where the trajectory begins
         here = float(before.reading[self.number, -1])
         s = np.clip(np.arange(4000) / 3000.0, 0.0, 1.0)
         self.closed_loop(here + (values[0] - here) * s * s * (3.0 - 2.0 * s))
@@ -206,11 +206,11 @@ def feedforward_figures(own: Bench) -> dict[str, float]:
     zeroed = own.errors(control_run("feedforward", wanted, periods=3, models=moved, limits=limits))
     size = 100.0 / float(np.ptp(wanted.positions[axis]))
     return {
-        "open loop, loop width [um]": 1e6 * opened.whole.loop_width,
-        "feedforward, loop width [um]": 1e6 * made.whole.loop_width,
+        "open loop, loop width [um]": 1e6 * opened.total.loop_width,
+        "feedforward, loop width [um]": 1e6 * made.total.loop_width,
         "feedforward, reduction [%]": made.reduction_percent(opened),
-        "feedforward, tracking [% rms]": size * made.whole.rms,
-        "feedforward from a zero that was read, tracking [% rms]": size * zeroed.whole.rms,
+        "feedforward, tracking [% rms]": size * made.total.rms,
+        "feedforward from a zero that was read, tracking [% rms]": size * zeroed.total.rms,
     }
 
 
@@ -222,32 +222,36 @@ def feedback_figures(own: Bench) -> dict[str, float]:
     limits = {own.axis: own.stage.limits[own.axis]}
     found: dict[str, float] = {}
 
-    def error(way: Way, wanted: Trajectory, model: DriveModel, tuning: ServoDesign) -> float:
+    def error(
+        mode: ControlMode, wanted: Trajectory, model: DriveModel, tuning: ServoDesign
+    ) -> float:
         run = control_run(
-            way, wanted, periods=3 if wanted is slow else 50, models={own.axis: model},
+            mode, wanted, periods=3 if wanted is slow else 50, models={own.axis: model},
             servo={own.axis: tuning.settings}, reading_delay=READING_DELAY, limits=limits,
         )  # fmt: skip
         block = own.carry_out(run)
-        if way is Way.FEEDFORWARD:
+        if mode is ControlMode.FEEDFORWARD:
             read.append(block.reading[own.number])
         own.open_loop(np.zeros(2000))
-        return 1e9 * own.errors_of(run, block).whole.rms
+        return 1e9 * own.errors_of(run, block).total.rms
 
     # a reference that is slow against the mains: the stage need not follow what they add
     read: list[Array] = []
     quiet = tune(own.model, sample_rate_hz=RATE_HZ, mains_hz=MAINS_HZ)
-    for way in Way:
-        found[f"1 Hz triangle, {way.value} [nm rms]"] = error(way, slow, own.model, quiet)
+    for mode in ControlMode:
+        found[f"1 Hz triangle, {mode.value} [nm rms]"] = error(mode, slow, own.model, quiet)
     found["1 Hz triangle, both without a notch at the mains [nm rms]"] = error(
-        Way.BOTH, slow, own.model, own.tuning
+        ControlMode.BOTH, slow, own.model, own.tuning
     )
     # the first run without control shows what the delay of the model lacks
-    found["50 Hz sine, feedforward [nm rms]"] = error(Way.FEEDFORWARD, fast, own.model, own.tuning)
+    found["50 Hz sine, feedforward [nm rms]"] = error(
+        ControlMode.FEEDFORWARD, fast, own.model, own.tuning
+    )
     trimmed = trimmed_model(own.model, fast, own.axis, read[-1], skip=2)
-    for way in (Way.FEEDBACK, Way.BOTH):
-        found[f"50 Hz sine, {way.value} [nm rms]"] = error(way, fast, trimmed, own.tuning)
+    for mode in (ControlMode.FEEDBACK, ControlMode.BOTH):
+        found[f"50 Hz sine, {mode.value} [nm rms]"] = error(mode, fast, trimmed, own.tuning)
     found["50 Hz sine, both with the delay as identified [nm rms]"] = error(
-        Way.BOTH, fast, own.model, own.tuning
+        ControlMode.BOTH, fast, own.model, own.tuning
     )
     return found
 
@@ -267,8 +271,8 @@ def learning_run(
     how = LearningSettings(trials=trials, noise_factor=noise_factor)
     half = round(0.5 * RATE_HZ / MAINS_HZ)
     plain = control_run(
-        Way.BOTH, wanted, periods=SETTLING + how.periods, settling=0, models=models, servo=servo,
-        limits=limits, reading_delay=READING_DELAY,
+        ControlMode.BOTH, wanted, periods=SETTLING + how.periods, settling=0, models=models,
+        servo=servo, limits=limits, reading_delay=READING_DELAY,
     )  # fmt: skip
     assert plain.feedforward is not None
     own.carry_out(plain)
@@ -284,7 +288,7 @@ def learning_run(
             late = slice(SETTLING * period.size, None)
             readings.append(block.reading[own.number, late])
             made = evaluate_run(wanted, own.axis, block.position[own.number, late])
-            errors.append(made.whole.rms)
+            errors.append(made.total.rms)
         true.append(float(np.sqrt(np.mean(np.square(errors)))))
         mean = np.mean(readings, axis=0)
         reading = Channel(name=own.axis, values=mean, unit="m")
@@ -302,7 +306,7 @@ def open_loop_width(seed: int, rate_hz: float, amplifier: Literal["voltage", "ch
     command = np.zeros((len(stage.axes), 3 * wanted.size))
     command[0] = np.tile(wanted.positions["x"], 3)
     got = stage.run(command, [False] * len(stage.axes)).position[0]
-    return evaluate_run(wanted, "x", got, skip=2).whole.loop_width / float(np.ptp(got))
+    return evaluate_run(wanted, "x", got, skip=2).total.loop_width / float(np.ptp(got))
 
 
 def figures(seed: int, *, trials: int = 5, axis: str = "x") -> dict[str, float]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, RefusedError
-from flexstage.instruments.pi.simulated.gcs_state import OWN
+from flexstage.instruments.pi.simulated.gcs_state import GENERIC
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import ServerSession
 from flexstage.instruments.protocol import Capability, Identity
@@ -422,7 +422,7 @@ class FormulaDevice:
         self.trigger("wave")
 
 
-def controller(kind="piezo", *, model=OWN, hold=False):
+def controller(kind="piezo", *, model=GENERIC, hold=False):
     """A controller on the device by formula, whose time passes with commands."""
     device = FormulaDevice(kind)
     return Interpreter(device, FastTime(device), model=model, hold=hold)
@@ -437,6 +437,6 @@ def talk(session, text):
     return answers.decode("latin-1"), [e for e in errors if e] or 0
 
 
-def opened(kind="piezo", *, model=OWN):
+def opened(kind="piezo", *, model=GENERIC):
     """A session of a controller of its own."""
     return ServerSession(controller(kind, model=model))

@@ -115,7 +115,7 @@ def test_motion() -> None:
         assert figure.estimate.note
         near(figure.estimate, value, worst)
     assert {row.origin for row in found.characteristics} == {"measured"}
-    with pytest.raises(ModelError, match=r"no test gave roll of axis 'x': there is .*left arm"):
+    with pytest.raises(ModelError, match=r"no test measured roll of axis 'x': avail.*left arm"):
         found.figure("roll", "x")
 
 
@@ -179,7 +179,7 @@ def test_resolution_of_a_screw_is_its_step_times_the_ratio() -> None:
     )  # fmt: skip
     found = run(test, motion(unit="m", span=371e-6))
     near(found.figure("resolution", "x").estimate, 4.7e-7 * STROKE / 371e-6, 2e-9)
-    with pytest.raises(RecordError, match=r"smallest_step belongs to a command in m.*'V'"):
+    with pytest.raises(RecordError, match=r"smallest_step needs a command in m.*'V'"):
         run(test, motion())
 
 
@@ -216,7 +216,9 @@ def test_smallest_steps_are_the_resolution() -> None:
     figure = found.figure("resolution", "y")
     near(figure.estimate, 31e-9, 2e-9)
     assert figure.estimate.note.startswith("mean of the smallest steps")
-    with pytest.raises(RecordError, match=r"test 's': no step size is resolved from the noise"):
+    with pytest.raises(
+        RecordError, match=r"test 's': no step size is distinguishable from the noise"
+    ):
         run(test, staircase(1e-10, 4e-9))
 
 
@@ -351,9 +353,11 @@ def test_corners_that_are_missing_or_over() -> None:
         return replace(whole, channels=cut, time=whole.time[:n])
 
     found = run(test, part(10))
-    assert found.results[0].notes == ("2 whole rounds are used, visits beyond them are left out",)
+    assert found.results[0].notes == (
+        "2 complete rounds are evaluated; further visits are ignored",
+    )
     for few in (3, 5):
-        with pytest.raises(RecordError, match=r"corners are numbered 0 to 3.*twice at least"):
+        with pytest.raises(RecordError, match=r"corners are numbered 0 to 3.*at least twice"):
             run(test, part(few))
 
 
@@ -391,8 +395,8 @@ def test_positioning() -> None:
     assert b.value == pytest.approx(reversal, rel=1e-9)
     assert b.interval()[0] < 17e-9 < b.interval()[1]
     said = found.results[0].notes
-    assert said[0].startswith("4 runs to 6 targets: a row for each approach")
-    assert any("zero of the reading is elsewhere (+3.3" in note for note in said)
+    assert said[0].startswith("4 runs to 6 targets: one row for each approach")
+    assert any("zero of the reading differs by +3.3" in note for note in said)
     with pytest.raises(RecordError, match=r"targets are positions in m, and the command is in 'V'"):
         run(test, record(over="point", wanted=(command, "V"), along=(along, "m")))
     with pytest.raises(RecordError, match="from both sides"):
@@ -437,8 +441,10 @@ def test_positioning_by_dwells() -> None:
     assert b.interval()[0] < 17e-9 < b.interval()[1]
     assert b.value == pytest.approx(17e-9, abs=5e-9)
     said = found.results[0].notes
-    assert said[0].startswith("4 runs to 4 targets: 41 rests of some 20 samples")
-    assert said[1].startswith("positions that were gone to from one side only are left out: 0, 52 ")
+    assert said[0].startswith("4 runs to 4 targets: 41 dwells of about 20 samples")
+    assert said[1].startswith(
+        "positions that were approached from one side only are ignored: 0, 52 "
+    )
 
 
 def probed(axis, seed=11, count=6, stations=15):
@@ -647,7 +653,9 @@ def test_commands_of_a_report_that_has_none() -> None:
     )  # fmt: skip
     listed = replace(named, columns=Columns(spheres=("A", "B", "C")), commands=tuple(told.tolist()))
     assert run(listed, without).figures == run(named, data).figures
-    with pytest.raises(RecordError, match=r"gives 3 commands for 180 stations: give one for each"):
+    with pytest.raises(
+        RecordError, match=r"gives 3 commands for 180 stations: give one command for each station"
+    ):
         run(replace(listed, commands=(0.0, 1e-6, 2e-6)), without)
 
 

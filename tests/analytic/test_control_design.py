@@ -278,11 +278,11 @@ def test_a_mode_that_the_model_does_not_know_is_given_or_told() -> None:
         (lambda: plant(gain=-1.0), "positive and within"),
         (lambda: plant(delay=-1e-4), "0 or more"),
         (lambda: Requirements(gain_margin=0.9), "above 1"),
-        (lambda: Requirements(sensitivity_peak=1.0), "above 1"),
+        (lambda: Requirements(sensitivity_peak=1.0), "exceeds 1"),
         (lambda: Requirements(frequency_scatter=0.7), "0 to 0.5"),
         (lambda: tune_plant(plant(), kind="pid"), "'pid'"),
         (lambda: local_gains(drive(validity=None)), "validity"),
-        (lambda: loop_plant(drive(sign=-1.0), 1e4), "turn the sign"),
+        (lambda: loop_plant(drive(sign=-1.0), 1e4), "reverse the sign"),
     ],
 )
 def test_impossible_loops_are_refused_in_words(make, words) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from flexstage.base.errors import LimitError, ModelError, RecordError
 from flexstage.control import LearningSettings, learn, sine
-from flexstage.control.learning_axis import mean_error
+from flexstage.control.learning import mean_error
 from flexstage.hysteresis import DriveModel, Lag, PrandtlIshlinskii, StageModes, ValidityRange
 from flexstage.hysteresis.limited_inverse import steady_output
 from flexstage.instruments.protocol import Waveform
@@ -107,7 +107,7 @@ def test_it_ends_at_the_noise_and_does_not_learn_it() -> None:
 
     made = learn(run, WANTED, targets(WANTED.positions["x"]), {"x": nominal}, how)
     axis = made.axes["x"]
-    assert axis.reason == "what is left is noise"
+    assert axis.reason == "the remaining error is noise"
     assert len(axis.trials) < 12
     true = through(nominal, made.waveform.values["x"]) - WANTED.positions["x"]
     # 21 numbers of 100 are learned, from a mean of 16 periods: 6 nm sqrt(0.21 / 16) = 0.7 nm
@@ -221,7 +221,7 @@ def test_the_noise_of_a_mean_is_that_of_its_periods() -> None:
 def test_what_cannot_be_learned_is_refused_in_words() -> None:
     run = lambda w: record(w.values["x"])  # noqa: E731
     start = targets(WANTED.positions["x"])
-    with pytest.raises(ModelError, match="not known to converge"):
+    with pytest.raises(ModelError, match="convergence is not certain"):
         LearningSettings(step=1.2)
     with pytest.raises(ModelError, match="2 periods"):
         LearningSettings(periods=1)
@@ -310,7 +310,7 @@ def test_a_wrong_gain_under_control_contracts_as_the_closed_form_says() -> None:
 
 
 def test_a_control_needs_the_model_of_its_drive() -> None:
-    with pytest.raises(ModelError, match="through the model of the drive"):
+    with pytest.raises(ModelError, match="needs the model of the drive"):
         learn(lambda _: None, WANTED, targets(WANTED.positions["x"]), {"x": nominal},
               servo={"x": CONTROL})  # fmt: skip
 

@@ -121,7 +121,7 @@ def test_a_raster_by_steps_takes_the_whole_turn_for_a_step() -> None:
 def test_limits_are_refused_in_words() -> None:
     made = sine("x", LOW, HIGH, 10.0, sample_rate_hz=5e3)
     made.check({"x": AxisLimits(position=(0.0, 60e-6), speed=2e-3)})
-    with pytest.raises(LimitError, match=r"from 3\.100 to 58\.700 um, allowed are 5\.000"):
+    with pytest.raises(LimitError, match=r"from 3\.100 to 58\.700 um, and its limits are 5\.000"):
         made.check({"x": AxisLimits(position=(5e-6, 60e-6))})
     with pytest.raises(LimitError, match="lower its rate"):
         made.check({"x": AxisLimits(speed=1e-3)})
@@ -133,7 +133,7 @@ def test_a_path_from_a_record_is_resampled_and_closed() -> None:
     t = np.arange(300) / 1e3
     x = 2e-5 + 1e-5 * np.sin(7.0 * t) + 4e-6 * np.sin(31.0 * t)
     record = Record(channels=(Channel(name="path", values=x, unit="m"),), time=t)
-    with pytest.raises(ModelError, match="give a time in which to close it"):
+    with pytest.raises(ModelError, match="give a closing time"):
         trajectory_of(record, {"x": "path"})
     made = trajectory_of(record, {"x": "path"}, close=0.1, sample_rate_hz=4e3)
     assert made.period == pytest.approx(0.4)

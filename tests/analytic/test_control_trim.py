@@ -80,7 +80,7 @@ def test_what_cannot_be_a_run_of_the_trajectory_is_refused() -> None:
     still = np.full(600, 3e-6)
     with pytest.raises(RecordError, match=r"moves \S+ times as far"):
         trimmed_model(drive(2e-4), WANTED, "x", still)
-    with pytest.raises(RecordError, match="no whole one"):
+    with pytest.raises(RecordError, match="no complete period"):
         trimmed_model(drive(2e-4), WANTED, "x", WANTED.positions["x"], skip=1)
     with pytest.raises(ModelError, match="ahead of the trajectory"):
         trimmed_model(drive(2e-4), WANTED, "x", np.tile(np.roll(WANTED.positions["x"], -5), 3))

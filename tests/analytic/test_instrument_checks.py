@@ -30,7 +30,7 @@ def test_values_at_the_ends_are_allowed_and_beyond_them_not() -> None:
         check_position(LIMITS, 41.1e-6, "y")
     with pytest.raises(LimitError, match="-7 to 113 V"):
         check_voltage(LIMITS, -7.0 - 1e-6, "x")
-    with pytest.raises(LimitError, match="takes no voltage"):
+    with pytest.raises(LimitError, match="accepts no voltage"):
         check_voltage(AxisLimits(position=(0.0, 1.0)), 3.0, "x")
     check_position(AxisLimits(voltage=(0.0, 1.0)), 3.0, "x")  # no range, nothing forbidden
     for value in (np.nan, np.inf, -np.inf):
@@ -42,12 +42,13 @@ def test_values_at_the_ends_are_allowed_and_beyond_them_not() -> None:
 
 def test_the_sentence_names_sample_time_value_and_limit() -> None:
     with pytest.raises(
-        LimitError, match=r"'x' would get 114 V at sample 2 \(0\.0285714 s\).* -7 to 113 V \(2 of 4"
+        LimitError,
+        match=r"'x' would be sent to 114 V at sample 2 \(0\.0285714 s\).* -7 to 113 V \(2 of 4",
     ):
         check_waveform({"x": LIMITS}, voltage(100.0, 107.0, 114.0, 115.0))
-    with pytest.raises(LimitError, match=r"change by 910 V/s after sample 1 \(0\.0142857 s\).*900"):
+    with pytest.raises(LimitError, match=r"change at 910 V/s after sample 1 \(0\.0142857 s\).*900"):
         check_waveform({"x": LIMITS}, voltage(100.0, 107.0, 94.0))
-    with pytest.raises(LimitError, match="the instrument has 'y', 'z'"):
+    with pytest.raises(LimitError, match="the axes of the instrument are 'y', 'z'"):
         check_waveform({"y": LIMITS, "z": LIMITS}, voltage(0.0, 1.0))
     with pytest.raises(LimitError, match="cycles"):
         check_waveform({"x": LIMITS}, voltage(0.0, 1.0), cycles=-1)
@@ -57,7 +58,7 @@ def test_a_repeated_waveform_is_closed() -> None:
     rising = voltage(0.0, 12.0, 24.0, 36.0)
     check_waveform({"x": LIMITS}, rising, cycles=1)
     for cycles in (0, 2):
-        with pytest.raises(LimitError, match=r"jump by -36 V .* 2520 V/s"):
+        with pytest.raises(LimitError, match=r"step by -36 V .* 2520 V/s"):
             check_waveform({"x": LIMITS}, rising, cycles=cycles)
     check_waveform({"x": LIMITS}, voltage(0.0, 12.0, 24.0, 12.0), cycles=0)
 
@@ -66,7 +67,7 @@ def test_where_an_axis_stands_counts() -> None:
     wave = voltage(40.0, 41.0)
     step = 900.0 / 70.0
     check_waveform({"x": LIMITS}, wave, start={"x": 40.0 - step, "y": -1e9})
-    with pytest.raises(LimitError, match="is at 27 V and the waveform begins at 40 V"):
+    with pytest.raises(LimitError, match="is at 27 V and the waveform starts at 40 V"):
         check_waveform({"x": LIMITS}, wave, start={"x": 27.0})
     check_waveform({"x": LIMITS}, wave, start={"x": 27.0}, tolerance=0.2)
     with pytest.raises(LimitError, match="reads nan, so its distance"):
@@ -83,7 +84,7 @@ def test_positions_have_their_own_range_and_speed() -> None:
     check_waveform({"x": LIMITS}, wave(100.0))
     with pytest.raises(LimitError, match="202 um/s after sample 1"):
         check_waveform({"x": LIMITS}, wave(101.0))
-    with pytest.raises(LimitError, match="takes no voltage"):
+    with pytest.raises(LimitError, match="accepts no voltage"):
         check_waveform({"x": AxisLimits(position=(0.0, 1.0))}, voltage(0.0, 1.0))
 
 

@@ -110,7 +110,7 @@ def test_word_that_is_cut_short_is_no_word(tmp_path: Path) -> None:
         (tmp_path / "stage-5.json").write_text('{"pid": 3, "ho')
         assert holder("5", directory=tmp_path) is None
         with (
-            pytest.raises(NotConnectedError, match="has not said its name"),
+            pytest.raises(NotConnectedError, match="whose name is unknown"),
             stage_lock("5", directory=tmp_path),
         ):
             pass

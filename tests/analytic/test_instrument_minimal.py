@@ -88,14 +88,14 @@ def test_an_instrument_and_its_axes_say_what_they_are_without_being_asked() -> N
 def test_what_it_cannot_do_is_refused_with_a_sentence() -> None:
     made = Minimal()
     calls = {
-        "there is no position control by a sensor": lambda: made.x.move_to(1e-6),
-        "axis 'x' of this controller cannot do this": lambda: made.x.set_closed_loop(True),
+        "it has no position control by a sensor": lambda: made.x.move_to(1e-6),
+        "axis 'x' of this controller does not support this": lambda: made.x.set_closed_loop(True),
         "setting of the position control": made.x.servo,
-        "cannot do this: there is no": lambda: made.x.set_servo(ServoSettings(integral=1.0)),
+        "does not support this: it has no": lambda: made.x.set_servo(ServoSettings(integral=1.0)),
         "has no data recorder": lambda: made.recorder,
         "has no wave generator": lambda: made.waves,
-        "no sensor 3: this instrument has none": lambda: made.channel(3),
-        "strike it by hand": lambda: made.strike("x"),
+        "no sensor 3: this instrument has no sensors": lambda: made.channel(3),
+        "excite the stage by hand": lambda: made.strike("x"),
     }
     for said, call in calls.items():
         with pytest.raises(ModelError, match=said):
@@ -112,7 +112,7 @@ def test_an_axis_with_position_control_alone_is_always_under_it() -> None:
     assert screw.closed_loop
     assert math.isnan(screw.voltage())
     for call in (lambda: screw.set_voltage(1.0), lambda: screw.set_closed_loop(False)):
-        with pytest.raises(ModelError, match="there is no command of the voltage"):
+        with pytest.raises(ModelError, match="it has no command of the voltage"):
             call()
 
 
@@ -122,7 +122,9 @@ def test_waiting_ends_with_rest_or_with_a_stop() -> None:
     made.x.wait()
     assert (made.stops, round(made.paused, 9)) == (0, 0.07)
     made.x.busy = 10**9
-    with pytest.raises(ControllerError, match=r"axis .x. still moved after 0\.5 s: it was stopped"):
+    with pytest.raises(
+        ControllerError, match=r"axis .x. still moved after 0\.5 s: the stage was stopped"
+    ):
         made.x.wait(0.5)
     assert made.stops == 1
     made.gone = True

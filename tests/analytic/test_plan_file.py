@@ -81,9 +81,9 @@ def test_whole_numbers_may_be_given_as_floats():
 
 def test_steps_that_are_wanted_bring_those_that_they_use():
     plan = read_plan(find_plan("vgtu-piezo"))
-    names = [step.name for step in plan.chosen(("bouc-wen-y",))]
+    names = [step.name for step in plan.selected(("bouc-wen-y",))]
     assert names == ["usual-y", "loops-y", "bouc-wen-y"]
-    assert plan.chosen(None) == plan.steps
+    assert plan.selected(None) == plan.steps
 
 
 @pytest.mark.parametrize(
@@ -94,11 +94,15 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
         ("plan: 1\nnotes: []\n", 1, "'stage' is missing"),
         ("plan: 1\nstage: s\nsteps: []\n", 3, "list of steps"),
         ("plan: 1\nstage: s\nstep: []\n", 3, "did you mean 'steps'?"),
-        (HEAD + "  - {excite: {kind: hold, axis: x}}\n", 7, "'name' is missing"),
-        (HEAD + "  - {name: a}\n", 7, "needs one verb"),
-        (HEAD + "  - {name: a, excite: {kind: hold, axis: x}, measure: {of: b}}\n", 7, "one verb"),
-        (HEAD + "  - {name: a.b, excite: {kind: hold, axis: x}}\n", 7, "no space, dot"),
-        (HEAD + "  - {name: a, excites: {kind: hold}}\n", 7, "did you mean 'excite'?"),
+        (HEAD + "  - {excite: {kind: dwell, axis: x}}\n", 7, "'name' is missing"),
+        (HEAD + "  - {name: a}\n", 7, "needs exactly one verb"),
+        (HEAD + "  - {name: a, excite: {kind: dwell, axis: x}, measure: {of: b}}\n", 7, "one verb"),
+        (
+            HEAD + "  - {name: a.b, excite: {kind: dwell, axis: x}}\n",
+            7,
+            "must not contain a space, dot",
+        ),
+        (HEAD + "  - {name: a, excites: {kind: dwell}}\n", 7, "did you mean 'excite'?"),
         (HEAD + "  - {name: a, excite: {axis: x}}\n", 7, "'kind' is missing"),
         (HEAD + "  - {name: a, excite: {kind: cycle, axis: x}}\n", 7, "did you mean 'cycles'?"),
         (HEAD + "  - {name: a, excite: {kind: cycles, axis: x}}\n", 7, "'rate' is missing"),
@@ -118,7 +122,7 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
             HEAD
             + "  - {name: a, excite: {kind: cycles, axis: x, rate: 3 Hz, low: 0.7, high: 0.2}}\n",
             7,
-            "from a low to a high share",
+            "rising fractions from 0 to 1",
         ),
         (
             HEAD + "  - {name: a, excite: {kind: multisine, axis: x, amplitude: 1 V, "
@@ -126,28 +130,28 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
             7,
             "must rise",
         ),
-        (HEAD + MOTION, 7, "uses 'loops', which is no earlier step"),
+        (HEAD + MOTION, 7, "uses 'loops', which is not an earlier step"),
         (HEAD + LOOPS + LOOPS, 8, "two steps are called 'loops'"),
         (
             HEAD + LOOPS + "  - {name: m, measure: {of: loops, test: motion, along: z}}\n",
             8,
-            "the sensor 'z', which is not described (there are: x, tilt)",
+            "the sensor 'z', which is not described (described: x, tilt)",
         ),
         (
             HEAD + LOOPS + "  - {name: m, measure: {of: loops, test: spheres, along: x}}\n",
             8,
-            "'spheres' cannot be made here",
+            "'spheres' is not possible in a plan",
         ),
         (
             HEAD + LOOPS + "  - {name: c, characterise: {of: [loops]}}\n",
             8,
-            "which is a step of excite: name one of measure",
+            "which is a step of excite: name a step of measure",
         ),
         (
             HEAD + LOOPS + "  - {name: m, measure: {of: loops, along: x}}\n"
             "  - {name: c, characterise: {of: [m]}}\n",
             9,
-            "does not say what kind of test it is",
+            "which has no kind of test",
         ),
         (
             HEAD + LOOPS + MOTION + "  - {name: i, identify: {of: [motion], output: x, "
@@ -157,15 +161,15 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
         ),
         (
             HEAD + LOOPS + MOTION + "  - {name: i, identify: {of: [motion], output: x}}\n"
-            "  - {name: v, verify: {model: i, along: x, ways: [inverse, thinking]}}\n",
+            "  - {name: v, verify: {model: i, along: x, control_modes: [inverse, thinking]}}\n",
             10,
-            "the way 'thinking'",
+            "unknown control mode 'thinking'",
         ),
         (
             HEAD + LOOPS + MOTION + "  - {name: i, identify: {of: [motion], output: x, "
             "characterised_by: motion}}\n",
             9,
-            "resonance from one of characterise",
+            "from a step of characterise",
         ),
         (
             HEAD.replace("channel: 5", "channel: 0") + LOOPS,
@@ -194,7 +198,7 @@ def test_a_wrong_plan_is_refused_in_one_sentence_with_its_line(text: str, line: 
 def test_a_file_that_is_not_there_is_named_with_what_is():
     with pytest.raises(PlanError, match="did you mean 'vgtu-piezo'"):
         find_plan("vgtu-pieso")
-    with pytest.raises(PlanError, match="no file is called ''"):
+    with pytest.raises(PlanError, match="'' is neither a built-in plan nor a file"):
         find_plan("")
     with pytest.raises(PlanError, match="give the path of a plan"):
         read_plan("/nowhere/plan.yaml")
@@ -202,7 +206,7 @@ def test_a_file_that_is_not_there_is_named_with_what_is():
 
 def test_a_stage_that_is_not_there_is_named(tmp_path):
     plan = plan_from_text(HEAD.replace("vgtu-piezo", "mine.yaml") + LOOPS)
-    with pytest.raises(PlanError, match=r"'mine.yaml' is no built-in design and no file"):
+    with pytest.raises(PlanError, match=r"'mine.yaml' is neither a built-in design nor a file"):
         plan_stage(plan, tmp_path)
 
 
@@ -222,8 +226,8 @@ def test_the_piezo_plan_holds_what_the_study_did():
     assert tests >= {"motion", "staircase", "hold", "response", "workspace"}
     models = {m for s in plan.steps if isinstance(s.action, Identify) for m in s.action.model}
     assert models >= {"bouc-wen", "preisach"}
-    ways = {w for s in plan.steps if isinstance(s.action, Verify) for w in s.action.ways}
-    assert ways == {"open loop", "inverse", "feedback", "both", "learning"}
+    modes = {m for s in plan.steps if isinstance(s.action, Verify) for m in s.action.control_modes}
+    assert modes == {"open loop", "inverse", "feedback", "both", "learning"}
 
 
 def test_a_dry_run_says_which_limit_a_command_leaves():
@@ -239,7 +243,7 @@ def test_a_dry_run_says_which_limit_a_command_leaves():
         + fast.replace("90 Hz", "125 Hz")
     )
     found = dry_run(faster, plan_stage(faster))
-    assert "40000 V/s is its limit" in found.problems[0]
+    assert "its limit is 40000 V/s" in found.problems[0]
 
 
 def test_a_dry_run_needs_positions_of_a_piezo_axis_only_about():
@@ -257,7 +261,7 @@ def test_a_stage_without_such_an_axis_is_told_in_the_dry_run():
     plan = plan_from_text(HEAD + LOOPS.replace("axis: x", "axis: z") + MOTION)
     found = dry_run(plan, plan_stage(plan))
     assert "has no axis 'z': its axes are x, y" in found.problems[0]
-    assert "'loops' cannot be made" in found.problems[1]
+    assert "'loops' has no command" in found.problems[1]
 
 
 @pytest.mark.parametrize("kind", [*VERBS.values(), *EXCITATIONS.values()])

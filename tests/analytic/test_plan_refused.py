@@ -40,13 +40,13 @@ def refused(steps: str) -> str:
         ),
         (
             "test: response, output: [x], modes: 2.5",
-            "whole number from 1 to 100 (counted where not given), got '2.5'",
+            "whole number from 1 to 100 (default: automatic), got '2.5'",
         ),
         ("test: response, output: [x], band: [70 Hz, 3 Hz]", "must rise from 0 Hz or more, got 70"),
         ("test: response", "name its sensors as 'output'"),
-        ("test: motion", "does not say which sensor reads along"),
-        ("test: workspace, x: x", "does not say which sensor reads y"),
-        ("test: workspace, x: x, y: y", "needs a step of corners"),
+        ("test: motion", "name the sensor of along"),
+        ("test: workspace, x: x", "name the sensor of y"),
+        ("test: workspace, x: x, y: y", "needs a step of excite with kind workspace-corners"),
         ("along: x, sample_rate: 1e300 Hz", "from 0.001 to 1e+07 Hz, got '1e300 Hz'"),
         ("along: x, sample_rate: 1e-9 Hz", "from 0.001 to 1e+07 Hz, got '1e-9 Hz'"),
     ],
@@ -59,7 +59,10 @@ def test_a_record_that_could_not_be_evaluated_is_not_taken(options: str, said: s
     ("step", "said"),
     [
         ("characterise: {of: [m, m]}", "characterise names 'm' twice"),
-        ("identify: {of: [m], output: y}", "by the sensor 'y', which step 'm' does not record"),
+        (
+            "identify: {of: [m], output: y}",
+            "the output of sensor 'y', which step 'm' does not record",
+        ),
         ("centre: {axes: [x, x]}", "centre needs two axes, got 'x' twice"),
         ("centre: {axes: [x, q]}", "has no axis 'q': its axes are x, y"),
         ("centre: {moves: 1000}", "from 1 to 100, got '1000'"),
@@ -74,15 +77,15 @@ def test_a_motion_of_two_cycles_is_refused_before_it_is_measured() -> None:
     few = LOOPS.replace("0.7 Hz", "0.7 Hz, cycles: 2")
     assert refused(few + MOTION) == ""
     said = refused(few + MOTION + "  - {name: f, characterise: {of: [m]}}\n")
-    assert "evaluates the motion 'm', which needs 3 cycles at least, got 2" in said
+    assert "evaluates the motion 'm', which needs at least 3 cycles, got 2" in said
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ("reference: {rate: 333 Hz}", "333 Hz has no whole number of samples"),
-        ("reference: {rate: 1e-9 Hz}", "at most 5000000 are allowed"),
-        ("reference: {cycles: 999999}", "at most 5000000 are allowed"),
+        ("reference: {rate: 333 Hz}", "the reference at 333 Hz needs an integer number of samples"),
+        ("reference: {rate: 1e-9 Hz}", "the limit is 5000000"),
+        ("reference: {cycles: 999999}", "the limit is 5000000"),
         # commands of 1 kHz have whole cycles, and records of 333 Hz have not
         ("sample_rate: 333 Hz, reference: {rate: 5 Hz}", "333 Hz gives 66.6"),
     ],
@@ -98,7 +101,7 @@ def test_an_instrument_of_another_rate_allows_other_references() -> None:
         HEAD + MODEL + "  - {name: v, compensate: {model: model, reference: {rate: 16 Hz}}}\n"
     )
     stage = design("vgtu-piezo")
-    assert "16 Hz has no whole number" in dry_run(plan, stage).problems[0]
+    assert "the reference at 16 Hz needs an integer number" in dry_run(plan, stage).problems[0]
     # a quarter of it is 3.2 kHz, which are 200 samples a cycle
     assert dry_run(plan, stage, base_rate_hz=12800.0).problems == ()
 
@@ -107,7 +110,7 @@ def test_an_instrument_of_another_rate_allows_other_references() -> None:
     ("excitation", "said"),
     [
         ("chirp, axis: x, band: [10 Hz, 90 Hz], amplitude: 1 V, period: 0.1 ms", "has 0 samples"),
-        ("staircase, axis: x, step: 2 mV, levels: 7, settle: 1e6 s", "at most 5000000"),
+        ("staircase, axis: x, step: 2 mV, levels: 7, settle: 1e6 s", "the limit is 5000000"),
         ("positioning, axis: x, targets: 1e6, rounds: 1e6", "'positioning' would have 4000004"),
     ],
 )
@@ -117,10 +120,10 @@ def test_commands_of_no_size_and_of_any_size_are_refused(excitation: str, said: 
 
 @pytest.mark.parametrize("name", ["a*b", "what?", "a|b", '"a"', "<a>"])
 def test_a_name_that_no_file_can_have_is_refused(name: str) -> None:
-    said = refused(f"  - {{name: '{name}', excite: {{kind: blows, axis: x}}}}\n")
-    assert "a step names its files" in said
+    said = refused(f"  - {{name: '{name}', excite: {{kind: hammer-impacts, axis: x}}}}\n")
+    assert "files are named after their step" in said
 
 
 def test_names_that_some_disks_cannot_tell_apart_are_refused() -> None:
-    said = refused(LOOPS + "  - {name: A, excite: {kind: blows, axis: x}}\n")
-    assert "'a' and 'A' differ in capitals only" in said
+    said = refused(LOOPS + "  - {name: A, excite: {kind: hammer-impacts, axis: x}}\n")
+    assert "'a' and 'A' differ only in case" in said

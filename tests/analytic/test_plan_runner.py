@@ -57,7 +57,8 @@ steps:
   - {name: stairs, excite: {kind: staircase, axis: x, step: 700 mV, levels: 5, dwell: 200 ms,
                             settle: 100 ms}}
   - {name: steps, measure: {of: stairs, test: staircase, along: x}}
-  - {name: round, excite: {kind: corners, rounds: 3, dwell: 50 ms, travel: 100 ms, high: 0.5}}
+  - {name: round, excite: {kind: workspace-corners, rounds: 3, dwell: 50 ms,
+                            travel: 100 ms, high: 0.5}}
   - {name: area, measure: {of: round, test: workspace, x: x, y: y}}
   - {name: figures, characterise: {of: [motion, steps, area]}}
 """
@@ -114,7 +115,7 @@ def test_figures_are_those_of_the_closed_forms(tmp_path):
     assert found.run.instrument.model == "in memory"
     assert _lead(found).startswith(f"{len(found.steps)} steps on ")
     # the cycle that only prepares is left out of the evaluation
-    (motion, *_) = found.step("figures").found.results
+    (motion, *_) = found.step("figures").evaluation.results
     assert motion.details["stroke"].of_cycles.shape[0] == 3
     e = found.figure("output_displacement", "x").estimate
     assert any(c.kind == "B" and c.uncertainty == pytest.approx(1e-3 * e.value, rel=1e-6)
@@ -288,7 +289,7 @@ def test_an_interruption_stops_the_stage_and_can_be_taken_up(tmp_path):
 
 def test_a_lost_link_says_how_much_is_safe(tmp_path):
     cut = bench(cut_link_at=2.3)
-    with pytest.raises(NotConnectedError, match=r"step 'steps': .* samples are safe"):
+    with pytest.raises(NotConnectedError, match=r"step 'steps': .* samples are saved"):
         run_plan(made(), cut, tmp_path)
     assert not cut.log[-1].startswith(("load", "start"))
 
@@ -344,7 +345,7 @@ def test_another_instrument_repeats_every_record(tmp_path):
 def test_a_plan_that_cannot_be_carried_out_moves_nothing(tmp_path):
     text = TEXT.replace("step: 700 mV", "step: 30 V")
     instrument = bench()
-    with pytest.raises(PlanError, match=r"'stairs'.* would end at 180 V.*nothing has been moved"):
+    with pytest.raises(PlanError, match=r"'stairs'.* would end at 180 V.*the stage has not moved"):
         run_plan(made(text), instrument, tmp_path)
     assert instrument.log == []
     assert not (tmp_path / "run.json").exists()

@@ -38,7 +38,7 @@ def test_a_stage_without_scatter_gives_what_was_published_of_it(tmp_path):
         " shape: cosine}}\n"
         "  - {name: motion, measure: {of: loops, test: motion, along: x, across: x.across,"
         " vertical: x.vertical}}\n"
-        "  - {name: blows, excite: {kind: blows, axis: x, hits: 4}}\n"
+        "  - {name: blows, excite: {kind: hammer-impacts, axis: x, impacts: 4}}\n"
         "  - {name: blow, measure: {of: blows, test: response, sample_rate: 10 kHz,"
         " band: [200 Hz, 800 Hz]}}\n"
         "  - {name: figures, characterise: {of: [motion, blow]}}\n",
@@ -87,11 +87,12 @@ def test_the_inverse_and_control_leave_little_of_the_loop(tmp_path):
         "  - {name: memories, measure: {of: memory, along: x}}\n"
         "  - {name: preisach, identify: {of: [memories], output: x, characterised_by: in-place}}\n"
         "  - {name: open, verify: {model: preisach, along: x, reference: {settle: 1, cycles: 2}}}\n"
-        "  - {name: closed, verify: {model: preisach, along: x, ways: [feedback, both, learning],"
-        " trials: 3, reference: {settle: 1, cycles: 2, shape: triangle}}}\n"
-        "  - {name: modeless, identify: {of: [memories], output: x}}\n"
-        "  - {name: alone, verify: {model: modeless, along: x, ways: [learning], trials: 2,"
+        "  - {name: closed, verify: {model: preisach, along: x, "
+        "control_modes: [feedback, both, learning], trials: 3,"
         " reference: {settle: 1, cycles: 2, shape: triangle}}}\n"
+        "  - {name: modeless, identify: {of: [memories], output: x}}\n"
+        "  - {name: alone, verify: {model: modeless, along: x, control_modes: [learning], "
+        "trials: 2, reference: {settle: 1, cycles: 2, shape: triangle}}}\n"
         "  - {name: inverse, compensate: {model: preisach, reference: {settle: 1, cycles: 1}}}\n"
         "  - {name: again, measure: {of: inverse, along: x}}\n",
         tmp_path,
@@ -160,7 +161,7 @@ class WithoutHammer:
 
 def test_a_plan_that_strikes_is_refused_before_anything_moves(tmp_path):
     plan = read_plan(find_plan("vgtu-mechanical"))
-    said = "the .* has no hammer for blows-x, blows-y: .*; nothing has been moved"
+    said = "the .* has no hammer for impacts-x, impacts-y: .*; the stage has not moved"
     with connect("twin://?seed=4&model=lumped", design("vgtu-mechanical")) as instrument:
         with pytest.raises(PlanError, match=said):
             run_plan(plan, WithoutHammer(instrument), tmp_path / "run")

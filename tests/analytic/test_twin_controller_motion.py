@@ -147,7 +147,7 @@ def test_parts_of_samples_are_kept(device: VirtualController, stage: SimpleStage
 
 @pytest.mark.parametrize("seconds", [-1e-3, math.nan, math.inf])
 def test_time_does_not_go_back(device: VirtualController, seconds: float) -> None:
-    with pytest.raises(ModelError, match="time passes by 0 s or more"):
+    with pytest.raises(ModelError, match="time can advance by 0 s or more"):
         device.advance(seconds)
 
 

@@ -360,7 +360,7 @@ def test_uneven_runs_are_said() -> None:
     assert result.details["positioning"].runs == 4
     assert result.notes[1] == (
         "target 35000 um was reached from above 4 times, and others up to 5 times: approaches "
-        "beyond the first 4 are left out"
+        "beyond the first 4 are ignored"
     )
     assert whole.size == size + 1
 
@@ -377,7 +377,7 @@ def test_a_beginning_costs_no_runs() -> None:
     result = evaluate(Campaign(tests=(test,)), lambda _: [record]).results[0]
     assert result.notes[0].startswith("5 runs to 3 targets")
     assert result.notes[1].startswith(
-        "positions that were gone to from one side only or seldom are left out: 15000, 55000 um"
+        "positions that were approached from one side only or rarely are ignored: 15000, 55000 um"
     )
 
 
@@ -385,7 +385,7 @@ def test_samples_of_one_run() -> None:
     test, _ = formed("said", SLIT)
     columns = table([row for row in rows(SLIT)[:10] for _ in range(12)])
     record = Record(channels=tuple(columns.values()), time=np.arange(120.0), over="point")
-    with pytest.raises(RecordError, match="two runs at least; where each row is an approach"):
+    with pytest.raises(RecordError, match="at least two runs; if each row is an approach"):
         evaluated(test, record)
     assert evaluated(replace(test, cycle="standard"), record).runs == 12
 
@@ -394,9 +394,9 @@ def test_directions_that_nobody_knows() -> None:
     test, record = formed("said", SLIT)
     *rest, way = record.channels
     strange = replace(way, texts=("up", "sideways"))
-    with pytest.raises(RecordError, match=r"column 'way' has 'sideways' for a direction: write up"):
+    with pytest.raises(RecordError, match=r"column 'way' has 'sideways' as a direction: write up"):
         evaluated(test, replace(record, channels=(*rest, strange)))
     for values, said in ((way.values, "1"), (way.values + 1.0, "2")):
         bare = replace(way, values=values, texts=())
-        with pytest.raises(RecordError, match=f"has '{said}' for a direction"):
+        with pytest.raises(RecordError, match=f"has '{said}' as a direction"):
             evaluated(test, replace(record, channels=(*rest, bare)))

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from flexstage.control import compensate, loop_margins, raster, sine, triangle
 from flexstage.control.design import tune_plant
 from flexstage.control.loop_plant import LoopPlant
-from flexstage.control.trajectory import delayed
-from flexstage.control.trajectory_shapes import there_and_back
+from flexstage.control.trajectory import delayed, there_and_back
 from flexstage.hysteresis import DriveModel, PrandtlIshlinskii, StageModes, ValidityRange
 from flexstage.hysteresis.limited_inverse import steady_input
 from flexstage.system.servo import ServoSettings

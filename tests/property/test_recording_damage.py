@@ -84,7 +84,7 @@ def test_a_flipped_bit_costs_its_own_chunk_and_no_other(stream, place, bit):
     changed = bytearray(data)
     changed[at] ^= 1 << bit
     if at < positions[0]:  # nobody knows what the numbers are
-        with pytest.raises(RecordError, match=r"is damaged|is no stream of a run"):
+        with pytest.raises(RecordError, match=r"is damaged|is not a stream of a run"):
             recover(spoilt(path, changed))
         return
     record, found = recover(spoilt(path, changed))
@@ -174,7 +174,7 @@ def test_chunks_that_vanish_without_a_trace_are_told(stream, lost, again):
     assert covered(found) == gone
     assert found.complete == (not gone)
     if gone:
-        assert any("lost to damage of the file" in n for n in found.notes)
+        assert any("lost by damage of the file" in n for n in found.notes)
 
 
 def test_a_length_that_lies_reads_nothing_beyond_the_file(stream):

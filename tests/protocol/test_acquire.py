@@ -16,7 +16,7 @@ from flexstage.base.errors import (
     RecordError,
 )
 from flexstage.instruments.protocol import Signal, Waveform
-from flexstage.instruments.record_run import record_blow, record_now, run_moves, run_waveform
+from flexstage.instruments.record_run import record_impact, record_now, run_moves, run_waveform
 from tests.simple_instrument import GAINS, SCREW, SimpleInstrument
 
 X = Signal(kind="position", source="x", name="x")
@@ -119,17 +119,20 @@ def refused(instrument: SimpleInstrument, error: type[Exception], match: str, **
 def test_what_cannot_run_is_refused_before_anything_moves() -> None:
     high = voltages(offset=61.0)
     refused(
-        SimpleInstrument(), LimitError, r"axis 'x' would get 120\.\d+ V at sample", waveform=high
+        SimpleInstrument(),
+        LimitError,
+        r"axis 'x' would be sent to 120\.\d+ V at sample",
+        waveform=high,
     )
     ramp = Waveform(
         values={"x": np.linspace(1.0, 90.0, 50)}, sample_rate_hz=5e3, quantity="voltage"
     )
-    refused(SimpleInstrument(), LimitError, "jump by -89 V", waveform=ramp, cycles=2)
-    refused(SimpleInstrument(), LimitError, "1 time or more", cycles=0)
+    refused(SimpleInstrument(), LimitError, "step by -89 V", waveform=ramp, cycles=2)
+    refused(SimpleInstrument(), LimitError, "at least 1 cycle", cycles=0)
     refused(SimpleInstrument(), LimitError, "record at .* Hz or slower", cycles=100, rate_hz=1e4)
     refused(SimpleInstrument(), LimitError, "8 signals at once", signals=[
         Signal(kind="channel", source="1", name=f"s{k}") for k in range(9)])  # fmt: skip
-    refused(SimpleInstrument(), ModelError, "a name of its own", signals=[X, X])
+    refused(SimpleInstrument(), ModelError, "a different name", signals=[X, X])
     refused(SimpleInstrument(), ModelError, "rate of a record", rate_hz=-1.0)
     position = Waveform(values={"x": np.zeros(9)}, sample_rate_hz=9.0, quantity="position")
     refused(SimpleInstrument(), ControllerError, "not under position control", waveform=position)
@@ -138,7 +141,7 @@ def test_what_cannot_run_is_refused_before_anything_moves() -> None:
     closed.log.clear()
     beside = Waveform(values={"x": np.full(9, 121.0)}, sample_rate_hz=9.0, quantity="voltage")
     refused(closed, LimitError, "121 V", waveform=position, feedforward=beside)
-    refused(SimpleInstrument(), ModelError, "voltage beside voltage", feedforward=beside)
+    refused(SimpleInstrument(), ModelError, "voltage for voltage", feedforward=beside)
 
 
 def test_a_sensor_that_gives_no_number_stops_the_stage() -> None:
@@ -158,12 +161,12 @@ def test_a_sensor_that_gives_no_number_stops_the_stage() -> None:
 
 def test_a_lost_link_leaves_what_was_read_and_says_how_much() -> None:
     instrument, kept = SimpleInstrument(cut_link_at=1.3), Kept()
-    with pytest.raises(NotConnectedError, match="samples are safe with the writer") as caught:
+    with pytest.raises(NotConnectedError, match="samples are saved by the writer") as caught:
         run_waveform(instrument, voltages(), [X, U], rate_hz=1000.0, writer=kept)
-    assert f"; {kept.size} samples are safe with the writer, of 1043" in str(caught.value)
+    assert f"; {kept.size} samples are saved by the writer, of 1043" in str(caught.value)
     assert 500 < kept.size < 900
     assert instrument.log[-1] == "stop that nobody heard"
-    with pytest.raises(NotConnectedError, match="samples were read and not kept"):
+    with pytest.raises(NotConnectedError, match="samples were read but not saved"):
         run_waveform(SimpleInstrument(cut_link_at=1.3), voltages(), [X], rate_hz=1000.0)
 
 
@@ -179,7 +182,7 @@ def test_a_recorder_that_stands_still_ends_the_run() -> None:
     instrument.recorder.trigger = lambda: None  # type: ignore[method-assign]
     begin = instrument.now
     with pytest.raises(
-        ControllerError, match=r"0 of 1043 samples came .* check that the recorder was started"
+        ControllerError, match=r"0 of 1043 samples arrived .* check that the recorder was started"
     ):
         run_waveform(instrument, voltages(), [X], rate_hz=1000.0, timeout=2.0)
     assert instrument.stops == 1
@@ -195,7 +198,7 @@ def test_a_waveform_that_does_not_end_is_stopped() -> None:
             instrument.waves.loaded is not None and instrument.waves.loaded.size == 730
         )
     )
-    with pytest.raises(ControllerError, match="the waveform still runs"):
+    with pytest.raises(ControllerError, match="the waveform still ran"):
         run_waveform(instrument, voltages(), [X], rate_hz=1000.0, timeout=0.5)
     assert instrument.stops == 1
 
@@ -208,7 +211,7 @@ def test_a_hold_of_any_length_is_whole() -> None:
         # Samples that are read twice, for want of a neighbour, are kept once.
         assert np.array_equal(kept.column("x"), record.channel("x").values)
     assert record.channel("x").values.std() == pytest.approx(5e-9, rel=0.1)  # 1/sqrt(2n) = 2.3 %
-    with pytest.raises(ModelError, match="2 samples or more"):
+    with pytest.raises(ModelError, match="at least 2 samples"):
         record_now(SimpleInstrument(), [X], 1000.0, 1)
 
 
@@ -223,7 +226,7 @@ def test_a_blow_is_recorded() -> None:
     instrument = SimpleInstrument()
     force = Signal(kind="force", source="x", name="force", unit="N")
     motion = Signal(kind="response", source="x", name="response")
-    record = record_blow(instrument, "x", [force, motion], 10e3, 4000)
+    record = record_impact(instrument, "x", [force, motion], 10e3, 4000)
     assert record.channel("force").values.max() == pytest.approx(21.0, rel=2e-3)
     assert instrument.log[-2:] == ["arm", "strike x"]
     assert record.channel("force").unit == "N"
@@ -246,7 +249,7 @@ def test_moves_are_recorded_at_rest() -> None:
 
 def test_a_link_that_is_lost_between_moves_counts_all_samples() -> None:
     instrument, kept = SimpleInstrument(limits={"x": SCREW}, cut_link_at=2.2), Kept()
-    with pytest.raises(NotConnectedError, match=r"samples are safe with the writer$") as e:
+    with pytest.raises(NotConnectedError, match=r"samples are saved by the writer$") as e:
         run_moves(instrument, "x", [5e-4, 1.5e-3, 9e-4, 3e-3], 0.05, [X], rate_hz=2e3, writer=kept)
     assert f"; {kept.size} samples" in str(e.value)
     assert kept.size == 200

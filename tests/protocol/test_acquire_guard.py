@@ -76,7 +76,7 @@ def test_trouble_of_the_ramp_does_not_hide_the_error() -> None:
     instrument.cut_link_at = 0.0
     with pytest.raises(NotConnectedError, match="cable") as caught, guarded(instrument):
         raise NotConnectedError("the cable is out")
-    assert any("could not be led to their safe voltages" in n for n in caught.value.__notes__)
+    assert any("could not be ramped to their safe voltages" in n for n in caught.value.__notes__)
     assert instrument.log[-1] == "stop that nobody heard"
 
     class Wrong(SimpleInstrument):
@@ -164,7 +164,7 @@ def test_what_the_surroundings_ignore_is_ignored() -> None:
             signal.raise_signal(signal.SIGHUP)
         assert instrument.stops == 0
         # A time-out ends the block all the same.
-        with pytest.raises(ControllerError, match="longer"), guarded(instrument, timeout=0.02):
+        with pytest.raises(ControllerError, match="time limit"), guarded(instrument, timeout=0.02):
             time.sleep(SOON)
     finally:
         for number, handler in before.items():
@@ -196,7 +196,7 @@ def test_a_block_that_takes_too_long_is_ended(wait: str) -> None:
         }
         instrument, begin = raised(), time.monotonic()
         with (
-            pytest.raises(ControllerError, match=r"longer than the 0\.05 s"),
+            pytest.raises(ControllerError, match=r"time limit of 0\.05 s"),
             guarded(instrument, timeout=0.05),
         ):
             how[wait]()
@@ -253,7 +253,7 @@ def test_a_block_in_another_thread_is_told_when_it_asks_and_at_its_end() -> None
         thread = threading.Thread(target=block, kwargs={"ask": ask})
         thread.start()
         thread.join(SOON)
-    assert told == ["the run took longer than the 0.02 s it was given True"] * 2
+    assert told == ["the run exceeded its time limit of 0.02 s True"] * 2
 
 
 def test_a_stop_after_the_block_only_stops() -> None:

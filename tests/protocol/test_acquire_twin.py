@@ -35,7 +35,7 @@ def test_voltages_are_those_of_the_waveform(piezo: Instrument) -> None:
     assert np.abs(record.channel("u").values - expected).max() < 0.15
     x = record.channel("x").values
     assert 40e-6 < np.ptp(x) < 70e-6  # of 62 um over 120 V
-    assert "simulated: nothing in it was measured" in record.notes
+    assert "simulated, not measured data" in record.notes
 
 
 def test_positions_under_control_are_followed(piezo: Instrument) -> None:

@@ -139,12 +139,12 @@ def test_a_run_is_named_by_the_beginning_of_its_identifier(catalogue):
         catalogue.enter_run(run(1, identifier=first.ljust(32, "0")))
     assert catalogue.run("AB12").identifier.startswith("ab12")
     assert catalogue.run(" 0 ").identifier.startswith("00ff")
-    with pytest.raises(RecordError, match=r"several runs begin with 'ab1'.*give more digits"):
+    with pytest.raises(RecordError, match=r"several runs start with 'ab1'.*give more digits"):
         catalogue.run("ab1")
     with pytest.raises(RecordError, match=r"no run of the catalogue .* 'ab14'"):
         catalogue.run("ab14")
     for text in ("", "%", "ab_", "x"):
-        with pytest.raises(RecordError, match="beginning of its identifier"):
+        with pytest.raises(RecordError, match="first digits of its identifier"):
             catalogue.run(text)
 
 
@@ -237,7 +237,7 @@ def test_what_comes_from_a_run_that_is_not_there_is_refused(catalogue):
         (lambda: run(1, sample_rate_hz=float("nan")), "impossible"),
         (lambda: calibration(0, float("nan")), "finite value"),
         (lambda: calibration(0, 1.0, standard_uncertainty=-1.0), "not negative"),
-        (lambda: calibration(0, 1.0, what=" "), "must say what it is of"),
+        (lambda: calibration(0, 1.0, what=" "), "must name its quantity"),
         (
             lambda: ModelEntry(kind="k", file="f", stage=PIEZO, figures={"rms": float("inf")}),
             "figure 'rms' of a model must be finite",
@@ -455,9 +455,12 @@ def test_the_default_is_in_the_users_data(monkeypatch, tmp_path):
     [
         (" ", "must not be empty"),
         ("mysql://u:secret@h/d", "needs the driver 'MySQLdb', which is not installed"),
-        ("paper://u:secret@h/d", r"no such database as the catalogue paper://u:\*\*\*@h/d: give"),
+        (
+            "paper://u:secret@h/d",
+            r"does not support the database of the catalogue paper://u:\*\*\*@h/d: give",
+        ),
         ("sqlite://", "in memory would be lost"),
-        ("postgresql://u:secret@h:port/d", "cannot be understood"),
+        ("postgresql://u:secret@h:port/d", "is not valid"),
     ],
 )
 def test_addresses_that_are_none_are_refused_without_their_password(text, said):
@@ -485,7 +488,7 @@ def test_a_file_may_be_named_with_its_driver(tmp_path):
 
 def test_a_server_that_is_not_there_is_told_without_the_password():
     address = "postgresql://u:secret@127.0.0.1:1/d"
-    with pytest.raises(NotConnectedError, match="runs are safe in their folders") as caught:
+    with pytest.raises(NotConnectedError, match="the runs are saved in their folders") as caught:
         Catalogue.open(address)
     assert "secret" not in str(caught.value)
 
@@ -494,10 +497,10 @@ def test_a_file_that_is_no_database_is_left_alone(tmp_path):
     path = tmp_path / "notes.txt"
     path.write_text("not a database, and long enough to be looked at\n" * 50)
     before = path.read_bytes()
-    with pytest.raises(RecordError, match="is not as it should be"):
+    with pytest.raises(RecordError, match="is not valid"):
         Catalogue.open(str(path))
     assert path.read_bytes() == before
-    with pytest.raises(RecordError, match=r"folder of the catalogue .* cannot be made"):
+    with pytest.raises(RecordError, match=r"folder of the catalogue .* cannot be created"):
         Catalogue.open(str(path / "below" / "c.sqlite"))
     with pytest.raises(NotConnectedError, match="unable to open"):
         Catalogue.open(str(tmp_path))
@@ -540,9 +543,9 @@ def test_a_folder_is_entered_by_what_its_files_say(address, folder):
     assert (one.folder, one.file) == (str(folder.path.resolve()), "records/one.h5")
     assert (one.seed, one.simulated, one.note) == (2**70 + 1, True, "plain")
     assert (found["gap"].status, found["gap"].samples) == ("complete", 45)
-    assert found["gap"].lost == "samples 40 to 49 never given by the instrument"
+    assert found["gap"].lost == "samples 40 to 49 not received from the instrument"
     assert found["cut"].status == "recovered"
-    assert "not ended" in found["cut"].lost
+    assert "did not end" in found["cut"].lost
     assert (found["left"].status, found["left"].samples) == ("failed", 17)
     assert found["left"].file == "records/left.stream"
     # later, when it was recovered
@@ -560,7 +563,7 @@ def test_a_catalogue_that_fails_loses_nothing_and_raises_nothing(folder, address
     assert entered.new == 0
     assert len(entered.runs) == 4
     [problem] = entered.problems
-    assert "'flexstage runs add FOLDER' enters them later" in problem
+    assert "enter them later with 'flexstage runs add FOLDER'" in problem
     assert len(folder.records()) == 3
     assert enter_folder(folder.path, address).new == 4
 

@@ -10,7 +10,7 @@ from flexstage.base.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.replies import VOLTS, WireUnit, axis_unit
-from flexstage.instruments.pi.waves import point_lines
+from flexstage.instruments.pi.tables import point_lines
 from flexstage.instruments.protocol import (
     Capability,
     Instrument,
@@ -94,7 +94,7 @@ def test_commands_that_are_not_listed_are_neither_used_nor_promised():
         _ = controller.recorder
     with pytest.raises(ModelError, match="no commands of a wave generator"):
         _ = controller.waves
-    with pytest.raises(ModelError, match="there is no command of the voltage"):
+    with pytest.raises(ModelError, match="it has no command of the voltage"):
         controller.axes["x"].set_voltage(5.0)
     with pytest.raises(ModelError, match="there is no sensor 1"):
         controller.channel(1)
@@ -103,7 +103,9 @@ def test_commands_that_are_not_listed_are_neither_used_nor_promised():
 
 def test_half_an_answer_is_told_from_what_a_controller_lacks():
     half = "*IDN? CSV? ERR? HLP? MOV POS?"
-    with pytest.raises(ControllerError, match=r"6 commands, none .* begins with T .* came in part"):
+    with pytest.raises(
+        ControllerError, match=r"6 commands, none .* starts with T .* is incomplete"
+    ):
         opened(ScriptedController(commands=half))
 
 
@@ -124,7 +126,7 @@ def test_gains_without_a_unit_are_never_set():
 def test_an_impulse_of_a_real_controller_is_no_hammer():
     controller, script = opened(ScriptedController(commands=COMMANDS + " IMP"))
     assert Capability.IMPACT not in controller.capabilities
-    with pytest.raises(ModelError, match="cannot strike the stage"):
+    with pytest.raises(ModelError, match="has no hammer"):
         controller.strike("x")
     assert script.log == []
 
@@ -162,8 +164,8 @@ def test_axes_are_those_that_are_named():
     [
         ({"x": "4"}, ControllerError, "no axis '4': it has 1, 2, 3"),
         ({"z": "1"}, ModelError, "the stage has no axis 'z': it has x, y"),
-        ({"x": "1", "y": "1"}, ModelError, "of its own"),
-        ({}, ModelError, "of its own"),
+        ({"x": "1", "y": "1"}, ModelError, "a different axis of the controller"),
+        ({}, ModelError, "a different axis of the controller"),
     ],
 )
 def test_axes_that_are_not_there_are_refused(axes, kind, sentence):
@@ -196,7 +198,7 @@ def test_positions_are_told_in_the_unit_of_the_controller(unit, scale):
 
 @pytest.mark.parametrize("unit", ["deg", "mrad", "counts", ""])
 def test_an_axis_that_does_not_count_in_lengths_is_refused(unit):
-    with pytest.raises(ControllerError, match="axis '1' of the controller counts in"):
+    with pytest.raises(ControllerError, match="the unit of axis '1' of the controller is"):
         opened(ScriptedController(unit=unit))
 
 
@@ -401,7 +403,7 @@ def test_a_waveform_that_begins_elsewhere_is_not_started():
     controller.axes["x"].set_voltage(40.0)
     controller.waves.load(wave(x=[0.0, 1.0, 2.0]))
     script.log.clear()
-    with pytest.raises(LimitError, match="axis 'x' is at 40 V and the waveform begins at 0 V"):
+    with pytest.raises(LimitError, match="axis 'x' is at 40 V and the waveform starts at 0 V"):
         controller.waves.start()
     assert moved(script.log) == []
 
@@ -409,9 +411,9 @@ def test_a_waveform_that_begins_elsewhere_is_not_started():
 def test_a_waveform_that_jumps_when_it_is_repeated_runs_once_only():
     controller, script = opened()
     controller.waves.load(wave(x=np.linspace(0.0, 60.0, 80)))
-    with pytest.raises(LimitError, match="jump by -60 V"):
+    with pytest.raises(LimitError, match="step by -60 V"):
         controller.waves.start(2)
-    with pytest.raises(LimitError, match="jump by -60 V"):
+    with pytest.raises(LimitError, match="step by -60 V"):
         controller.waves.start(0)
     assert moved(script.log) == []
     controller.waves.start(1)
@@ -441,7 +443,7 @@ def test_nothing_is_started_that_was_not_loaded():
 def test_a_feedforward_needs_a_table_that_the_controller_lists():
     controller, script = opened()
     shape = wave("position", x=[10e-6, 10e-6])
-    with pytest.raises(ModelError, match="no table of voltages beside"):
+    with pytest.raises(ModelError, match="cannot add voltages under position control"):
         controller.waves.load(shape, feedforward=wave(x=[3.0, 4.0]))
     assert script.log == []
 
@@ -504,10 +506,10 @@ def test_signals_become_options_by_what_these_are_called(kind, source, told):
 @pytest.mark.parametrize(
     ("signal", "sentence"),
     [
-        (Signal(kind="force", source="x", name="f", unit="N"), "nothing of the kind 'force'"),
-        (Signal(kind="position", source="z", name="p"), "no axis 'z' to be recorded"),
-        (Signal(kind="channel", source="5", name="c"), "no sensor '5' to be recorded"),
-        (Signal(kind="channel", source="x", name="c"), "no sensor 'x' to be recorded"),
+        (Signal(kind="force", source="x", name="f", unit="N"), "cannot record the kind 'force'"),
+        (Signal(kind="position", source="z", name="p"), "no axis 'z' to record"),
+        (Signal(kind="channel", source="5", name="c"), "no sensor '5' to record"),
+        (Signal(kind="channel", source="x", name="c"), "no sensor 'x' to record"),
         (Signal(kind="voltage", source="x", name="u", unit="mV"), "is recorded in V"),
     ],
 )

@@ -18,7 +18,7 @@ from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.simulated.address import Loopback
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.controller import VirtualController
-from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN, ControllerModel
+from flexstage.instruments.pi.simulated.gcs_state import GENERIC, MODELS, ControllerModel
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import GcsServer
 from flexstage.instruments.protocol import Capability, Instrument, Signal, Waveform
@@ -39,7 +39,7 @@ def _made(seed: int, number: int):
 
 
 def interpreter(
-    seed: int, number: int = 0, *, hold: bool = False, model: ControllerModel = OWN
+    seed: int, number: int = 0, *, hold: bool = False, model: ControllerModel = GENERIC
 ) -> Interpreter:
     """Return a controller; the stage is made once for each number, and relaxed again."""
     stage = _made(seed, number)
@@ -297,13 +297,13 @@ def test_a_second_client_may_look_and_stop_and_not_move():
     with closing(first), closing(second):
         first.axes["x"].set_voltage(20.0)
         assert second.axes["x"].voltage() == pytest.approx(20.0, abs=0.01)
-        with pytest.raises(ControllerError, match="another program controls it") as info:
+        with pytest.raises(ControllerError, match="another program has control") as info:
             second.axes["x"].set_voltage(0.0)
         assert info.value.code == 1005
         first.axes["x"].set_closed_loop(True)
         first.axes["x"].move_to(50e-6, wait=False)
         second.stop()
-        with pytest.raises(ControllerError, match="it was stopped, or somebody else"):
+        with pytest.raises(ControllerError, match="it was stopped, or another program"):
             first.axes["x"].wait()
 
 
@@ -434,7 +434,7 @@ def test_a_control_that_swings_is_switched_off_when_its_time_is_over(twin):
     axis.set_closed_loop(True)
     axis.set_servo(ServoSettings(integral=2e10))
     axis.move_to(30e-6, wait=False)
-    with pytest.raises(ControllerError, match=r"after 2 s .* its control switched off"):
+    with pytest.raises(ControllerError, match=r"after 2 s .* its position control switched off"):
         axis.wait(2.0)
     assert not axis.closed_loop
     piezo.pause(0.3)

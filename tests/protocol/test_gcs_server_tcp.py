@@ -287,4 +287,4 @@ def test_what_breaks_down_sends_one_client_away(connect, server, interpreter, ca
     assert first.recv(10) == b""
     interpreter.device.position = real
     assert answer(second, b"POS? 1\n") == b"1=0.000000000e+00\n"
-    assert "broke down" in caplog.text
+    assert "failed unexpectedly" in caplog.text

@@ -7,9 +7,9 @@ from flexstage.instruments.pi.simulated.commands_tables import segment
 from tests.gcs_device import opened, talk
 
 
-def made(text, held=0):
+def made(text, present=0):
     kind, *words = text.split()
-    return segment(kind, words, held=held, room=10_000)
+    return segment(kind, words, present=present, room=10_000)
 
 
 def test_sine_of_one_period_is_a_raised_cosine():
@@ -71,8 +71,8 @@ def test_rounded_ramp_has_no_step_of_speed_beyond_its_acceleration():
 
 def test_points_are_what_is_given():
     np.testing.assert_array_equal(made("PNT 1 3 1.5 -2 .25e1"), [1.5, -2.0, 2.5])
-    np.testing.assert_array_equal(made("PNT 11 2 7 8", held=10), [7.0, 8.0])
-    np.testing.assert_array_equal(made("PNT 1 2 7 8", held=10), [7.0, 8.0])
+    np.testing.assert_array_equal(made("PNT 11 2 7 8", present=10), [7.0, 8.0])
+    np.testing.assert_array_equal(made("PNT 1 2 7 8", present=10), [7.0, 8.0])
 
 
 def numbers(text):

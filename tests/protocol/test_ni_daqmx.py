@@ -215,11 +215,11 @@ def test_a_card_that_cannot_read_its_outputs_claims_nothing_after_a_stop(card: C
     instrument.stop()  # never raises
     assert "Task.stop" in card.names()
     assert np.isnan(instrument.axes["x"].voltage())
-    with pytest.raises(ControllerError, match="the voltage of axis 'x' is not known"):
+    with pytest.raises(ControllerError, match="the voltage of axis 'x' is unknown"):
         instrument.axes["x"].set_voltage(3.0)
     with pytest.raises(ValueError, match="first") as caught, guarded(instrument):
         raise ValueError("first")
-    assert "the voltage of axis 'x' is not known" in caught.value.__notes__[0]
+    assert "the voltage of axis 'x' is unknown" in caught.value.__notes__[0]
 
 
 def test_outputs_are_read_back_before_the_first_voltage(card: Card) -> None:
@@ -231,7 +231,7 @@ def test_outputs_are_read_back_before_the_first_voltage(card: Card) -> None:
     assert (made["min_val"], made["max_val"]) == (-10.0, 10.0)  # whatever another program left
     said = replace(SETUP.outputs[0], standing=0.0)
     with pytest.raises(
-        ControllerError, match=r"'Dev1/ao0' gives 2\.4 V, which is 36 V at the drive"
+        ControllerError, match=r"'Dev1/ao0' is at 2\.4 V, which is 36 V at the drive"
     ):
         NiAcquisition(replace(SETUP, outputs=(said,)), DaqmxBackend(card.library()))
 
@@ -241,10 +241,10 @@ def test_a_card_that_ni_max_simulates_is_recorded_as_simulated(card: Card) -> No
     instrument = NiAcquisition(SETUP, DaqmxBackend(card.library()), limits=LIMITS)
     assert instrument.identity.simulated
     assert (instrument.identity.vendor, instrument.identity.model) == ("NI", "PCIe-6363")
-    assert instrument.settings()["driver"].startswith("card simulated by NI MAX: nothing was")
+    assert instrument.settings()["driver"].startswith("card simulated by NI MAX: not measured data")
     record = run_waveform(instrument, wave(), SIGNALS, rate_hz=1000.0)
     assert record.attributes["simulated"] == "yes"
-    assert "simulated: nothing in it was measured" in record.notes
+    assert "simulated, not measured data" in record.notes
     assert instrument.recorder.read(0, 3).notes == (instrument.settings()["driver"],)
     # Its inputs give a sine, so that no output is read back by them.
     assert not [a for n, a in card.log if "_vs_aognd" in str(a.get("physical_channel"))]
@@ -299,14 +299,14 @@ def test_a_card_whose_outputs_cannot_take_the_clock_of_its_inputs_is_refused(
         "product_category": ProductCategory[category],
         "ao_samp_clk_supported": clocked,
     }
-    with pytest.raises(ModelError, match=rf"card 'Dev1' \({model}\) cannot take the clock of its"):
+    with pytest.raises(ModelError, match=rf"card 'Dev1' \({model}\) cannot use the clock of its"):
         NiAcquisition(SETUP, DaqmxBackend(card.library()))
     assert NiAcquisition(replace(SETUP, outputs=()), DaqmxBackend(card.library())).channel(1) > 0.0
 
 
 def test_the_driver_has_the_last_word_on_the_route(card: Card, instrument: NiAcquisition) -> None:
     card.faults = {"AnalogMultiChannelWriter.write_many_sample": -89136}
-    with pytest.raises(ControllerError, match="error -89136: the outputs of this card cannot take"):
+    with pytest.raises(ControllerError, match="error -89136: the outputs of this card cannot use"):
         run_waveform(instrument, wave(), SIGNALS, rate_hz=1000.0)
 
 
@@ -397,7 +397,9 @@ def test_with_a_driver_the_card_is_real_unless_asked_otherwise(
     # Nobody may guess what a real sensor reads for a volt.
     with pytest.raises(ModelError, match="sensitivity=10um/V"):
         open_address("ni://Dev1?x=ao0,ai2")
-    with pytest.raises(ModelError, match=r"sensor 'y' reads for a volt: .*'sensitivity\.y=10um/V'"):
+    with pytest.raises(
+        ModelError, match=r"the sensitivity of sensor 'y': .*'sensitivity\.y=10um/V'"
+    ):
         open_address("ni://Dev1?x=ao0,ai2&y=ao1,ai3&amplifier=1&sensitivity.x=3um/V")
     # Nor by what a drive gets more than the output gives.
     with pytest.raises(ModelError, match=r"of axis 'x': .*'amplifier=1' without one"):

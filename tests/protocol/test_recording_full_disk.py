@@ -65,8 +65,8 @@ def test_wherever_the_disk_is_full(tmp_path, room):
     assert errors == [
         (
             safe,
-            f"'{path}' cannot be written on: No space left on device; its first {safe} samples are "
-            "safe, those that follow are in memory only",
+            f"writing to '{path}' failed: No space left on device; its first {safe} samples are "
+            "safe, the following ones are only in memory",
         )
     ]
     assert run.failed
@@ -80,7 +80,7 @@ def test_wherever_the_disk_is_full(tmp_path, room):
     if safe >= 2:
         assert_true(recover(path)[0], range(safe))
     # still full: nothing changes but for another sentence
-    with pytest.raises(RecordError, match="still cannot be written on: No space left on device"):
+    with pytest.raises(RecordError, match="still fails: No space left on device"):
         run.close()
     assert examine(path).samples >= safe
     assert [first for first, _ in run.unsaved] == STARTS[whole:-1].tolist()
@@ -114,7 +114,7 @@ def test_a_sync_that_fails_is_not_forgotten(tmp_path):
     run.append(38, columns)
     for values in columns.values():  # the caller goes on with its own arrays
         values[:] = 0.0
-    with pytest.raises(RecordError, match="still cannot be written"):
+    with pytest.raises(RecordError, match="still fails"):
         run.close()
     files[0].syncs = None
     record = read_record(run.close())
@@ -138,7 +138,9 @@ def test_an_end_that_cannot_be_written_is_told_and_tried_again(tmp_path):
 
 def test_a_stream_that_cannot_be_begun_leaves_no_file(tmp_path):
     opener, _ = small_disk(100)
-    with pytest.raises(RecordError, match=r"cannot be begun: No space left.* nothing was recorded"):
+    with pytest.raises(
+        RecordError, match=r"cannot be started: No space left.* nothing was recorded"
+    ):
         writer(tmp_path / "run.stream", opener=opener)
     assert not list(tmp_path.iterdir())
 
@@ -187,8 +189,10 @@ def test_no_room_for_the_hdf5_file(tiny_disk):
     for k in range(35):  # 1.1 MB, which fits once
         run.append(1000 * k, truth(1000 * k, 1000))
     # 4 channels of 8 bytes each, and what describes them
-    needed = "has 1.0 MB of room, and the record needs 1.2 MB: all 35000 samples are safe in"
-    with pytest.raises(RecordError, match=f"{needed} .*; make room, then 'flexstage runs recover"):
+    needed = "has 1.0 MB of free space, and the record needs 1.2 MB: all 35000 samples are safe in"
+    with pytest.raises(
+        RecordError, match=f"{needed} .*; free some space, then run 'flexstage runs recover"
+    ):
         run.close()
     assert [p.name for p in tiny_disk.iterdir()] == ["run.stream"]
     record, recovery = recover(path)

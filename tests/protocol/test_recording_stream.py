@@ -116,7 +116,7 @@ def test_a_gap_is_told_kept_and_never_closed_up(tmp_path):
     run, _ = written(tmp_path / "run.stream", [40], leave=False)
     told = run.append(53, truth(53, 20))
     assert told == Irregularity(kind="gap", first=40, count=13)
-    assert str(told) == "samples 40 to 52 never given by the instrument"
+    assert str(told) == "samples 40 to 52 not received from the instrument"
     assert run.append(73, truth(73, 2)) is None
     assert run.irregularities == (told,)
     numbers = [*range(40), *range(53, 75)]
@@ -125,7 +125,7 @@ def test_a_gap_is_told_kept_and_never_closed_up(tmp_path):
         read_record(target)
     late = read_record(target, rows=(40, None))
     assert_true(late, range(53, 75))
-    assert late.attributes["lost"] == "samples 40 to 52 never given by the instrument"
+    assert late.attributes["lost"] == "samples 40 to 52 not received from the instrument"
     assert file_summary(target).complete
     with h5py.File(target) as file:
         assert np.array_equal(file["time"][()], np.array(numbers) / RATE)
@@ -149,7 +149,7 @@ def test_samples_that_come_twice_are_told_and_the_stream_stays(tmp_path):
     x = record.channel("x").values
     assert np.array_equal(x[:40], truth(0, 40)["x"])
     assert np.array_equal(x[40:], -truth(40, 6)["x"])
-    assert "samples 31 to 39 given twice" in record.attributes["lost"]
+    assert "samples 31 to 39 received twice" in record.attributes["lost"]
     # what the file leaves out is only there
     assert path.exists()
     assert len(frames_by_hand(path.read_bytes())[1]) == 4
@@ -161,7 +161,7 @@ def test_a_run_without_two_samples_stays_a_stream(tmp_path, count):
     with pytest.raises(RecordError, match=f"has {count} samples, and a record needs two"):
         run.close()
     assert examine(tmp_path / "run.stream").ended
-    with pytest.raises(RecordError, match=f"holds {count} whole samples"):
+    with pytest.raises(RecordError, match=f"contains {count} complete samples"):
         recover(tmp_path / "run.stream")
 
 
@@ -169,7 +169,7 @@ def test_no_run_is_written_over(tmp_path):
     path = tmp_path / "run.stream"
     written(path, [3])
     before = path.read_bytes()
-    with pytest.raises(RecordError, match="exists: no run is written over"):
+    with pytest.raises(RecordError, match="exists: runs are never overwritten"):
         writer(path)
     assert path.read_bytes() == before
     (tmp_path / "other.h5").write_bytes(b"mine")
@@ -196,7 +196,7 @@ def test_the_stream_goes_only_when_the_file_was_compared(tmp_path, monkeypatch):
             file["drive"][319] = np.nextafter(file["drive"][319], np.inf)
 
     monkeypatch.setattr(archive, "_write", damaged)
-    with pytest.raises(RecordError, match="not what was written"):
+    with pytest.raises(RecordError, match="differs from the stream"):
         run.close()
     assert [p.name for p in tmp_path.iterdir()] == ["run.stream"]
     monkeypatch.setattr(archive, "_write", honest)
@@ -215,7 +215,7 @@ def test_an_error_in_the_block_leaves_a_stream_to_recover(tmp_path):
     assert record.attributes["ending"] == "recovered"
     with pytest.raises(RecordError, match="is closed"):
         run.append(30, truth(30, 1))
-    with pytest.raises(RecordError, match="left as a stream"):
+    with pytest.raises(RecordError, match="still a stream"):
         run.close()
 
 
@@ -285,10 +285,13 @@ def test_a_stream_says_that_it_is_being_written(tmp_path):
 BAD_CHUNKS = [
     (lambda c: c.pop("x"), "must have the channels x, drive"),
     (lambda c: c.update(z=c["x"]), "must have the channels x, drive"),
-    (lambda c: c.update(x=c["x"][:-1]), "equally many samples, got x: 4, drive: 5"),
-    (lambda c: c.update(x=c["x"].reshape(5, 1)), r"row of numbers, got float64 of shape \(5, 1\)"),
-    (lambda c: c.update(x=c["x"] * 1j), "row of numbers, got complex128"),
-    (lambda c: c.update(x=list("abcde")), "row of numbers, got <U1"),
+    (lambda c: c.update(x=c["x"][:-1]), "the same number of samples, got x: 4, drive: 5"),
+    (
+        lambda c: c.update(x=c["x"].reshape(5, 1)),
+        r"array of numbers, got float64 of shape \(5, 1\)",
+    ),
+    (lambda c: c.update(x=c["x"] * 1j), "array of numbers, got complex128"),
+    (lambda c: c.update(x=list("abcde")), "array of numbers, got <U1"),
 ]
 
 
@@ -307,7 +310,7 @@ def test_a_chunk_of_the_wrong_form_is_refused_and_leaves_no_trace(tmp_path, spoi
 @pytest.mark.parametrize("first", [-1, 1.0, True, None, 2**53])
 def test_the_first_sample_is_a_whole_number(tmp_path, first):
     run = writer(tmp_path / "run.stream")
-    with pytest.raises(RecordError, match="whole number from 0"):
+    with pytest.raises(RecordError, match="integer from 0"):
         run.append(first, truth(0, 2))
     run.leave()
 
@@ -317,10 +320,10 @@ def test_the_first_sample_is_a_whole_number(tmp_path, first):
     [
         ([], "at least one channel"),
         ([("x", "m"), ("x", "V")], "two channels have the name 'x'"),
-        ([("", "m")], "one line without spaces around it"),
-        ([("a\nb", "m")], "one line without spaces around it"),
+        ([("", "m")], "one line without surrounding spaces"),
+        ([("a\nb", "m")], "one line without surrounding spaces"),
         ([("Time", "s")], "cannot be called 'Time'"),
-        ([("x", "um")], "SI unit, got 'um': multiply its values by 1e-06 and say 'm'"),
+        ([("x", "um")], "SI unit, got 'um': multiply its values by 1e-06 and give 'm'"),
         ([("x", "parrot")], "channel 'x': unknown unit 'parrot'"),
     ],
 )
@@ -339,7 +342,7 @@ def test_a_rate_is_positive_and_finite(tmp_path, rate):
 def test_a_stream_has_its_ending_and_its_folder(tmp_path):
     with pytest.raises(RecordError, match=r"must end in \.stream, got 'run\.h5'"):
         writer(tmp_path / "run.h5")
-    with pytest.raises(RecordError, match="cannot be made: No such file"):
+    with pytest.raises(RecordError, match="cannot be created: No such file"):
         writer(tmp_path / "no" / "run.stream")
     with pytest.raises(RecordError, match="must not be negative"):
         writer(tmp_path / "run.stream", sync=-1.0)
@@ -349,7 +352,7 @@ def test_a_stream_has_its_ending_and_its_folder(tmp_path):
     ("words", "said"),
     [
         ({"stage": 3}, "'stage' of a run must be a text, got 3"),
-        ({"seed": 1.5}, "seed of a run must be a whole number"),
+        ({"seed": 1.5}, "seed of a run must be an integer"),
         ({"settings": {"P": 0.1}}, "must be texts by name"),
         ({"identifier": "XYZ"}, "must be 32 hexadecimal digits"),
         ({"started": "yesterday"}, "must be a date and time such as 2"),
@@ -373,7 +376,7 @@ def test_a_run_says_only_what_can_be(words, said):
     ],
 )
 def test_a_description_that_is_none_is_refused(plain, said):
-    with pytest.raises(RecordError, match=f"^what is said about a run{said}"):
+    with pytest.raises(RecordError, match=f"^metadata of a run{said}"):
         RunMetadata.from_plain(plain)
 
 
@@ -401,22 +404,22 @@ def test_what_a_later_version_adds_is_left_out():
 def test_files_of_others_are_told_apart(tmp_path):
     text = tmp_path / "a.csv"
     text.write_text("time (s),x (m)\n0,1\n1,2\n")
-    with pytest.raises(RecordError, match="is no stream of a run"):
+    with pytest.raises(RecordError, match="is not a stream of a run"):
         recover(text)
     (tmp_path / "empty.stream").write_bytes(b"")
-    with pytest.raises(RecordError, match="is no stream of a run"):
+    with pytest.raises(RecordError, match="is not a stream of a run"):
         recover(tmp_path / "empty.stream")
     with pytest.raises(RecordError, match="cannot be read: No such file"):
         recover(tmp_path / "none.stream")
     with pytest.raises(RecordError, match="cannot be read: Is a directory"):
         examine(tmp_path)
-    with pytest.raises(RecordError, match="does not say which run"):
+    with pytest.raises(RecordError, match="has no metadata of its run"):
         read_metadata(read_record(text))
-    with pytest.raises(RecordError, match="is no whole HDF5 file of a run"):
+    with pytest.raises(RecordError, match="is not a complete HDF5 file of a run"):
         file_summary(text)
     with h5py.File(tmp_path / "b.h5", "w") as file:
         file["x"] = [1.0, 2.0]
-    with pytest.raises(RecordError, match="is no whole HDF5 file of a run"):
+    with pytest.raises(RecordError, match="is not a complete HDF5 file of a run"):
         file_summary(tmp_path / "b.h5")
 
 

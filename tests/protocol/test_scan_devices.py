@@ -29,7 +29,7 @@ def test_a_status_tells_of_the_end_to_whoever_asks():
     status = MotionStatus(lambda: go.wait(10.0))
     status.add_callback(told.append)
     assert (status.done, status.success, told) == (False, False, [])
-    assert repr(status) == "<motion on its way>"
+    assert repr(status) == "<motion in progress>"
     with pytest.raises(TimeoutError, match=r"within 0.01 s"):
         status.wait(timeout=0.01)
     go.set()
@@ -41,7 +41,7 @@ def test_a_status_tells_of_the_end_to_whoever_asks():
             break
         time.sleep(0.01)
     assert told == [status, status]
-    assert repr(status) == "<motion ended as wanted>"
+    assert repr(status) == "<motion complete>"
 
 
 def test_a_status_of_a_motion_that_failed_has_its_error():
@@ -99,7 +99,7 @@ def test_a_waveform_is_flown_and_collected(stage):
     )
     signals = [Signal(kind=kind, source="x", name=kind) for kind in ("position", "target")]
     flight = FlyScan(stage, wave, signals, rate_hz=1000.0, name="sine")
-    with pytest.raises(ControllerError, match="was not kicked off"):
+    with pytest.raises(ControllerError, match="was not started"):
         flight.complete()
     with pytest.raises(ControllerError, match="has no record"):
         list(flight.collect())

@@ -80,8 +80,11 @@ def test_what_is_virtual_says_so(made):
     _, folder = made
     results = json.loads((folder / "results.json").read_text())
     assert results["origin"] == "virtual"
-    assert results["notes"][0] == "virtual measurement: simulated, not measured"
-    assert "virtual measurement: simulated, not measured" in (folder / "campaign.yaml").read_text()
+    assert results["notes"][0] == "virtual measurement: simulated data, not measured"
+    assert (
+        "virtual measurement: simulated data, not measured"
+        in (folder / "campaign.yaml").read_text()
+    )
     assert "virtual measurement" in (folder / "report.html").read_text()
 
 
@@ -305,7 +308,7 @@ def test_spheres_of_a_table(capsys, tmp_path, decimal):
     assert got["cross_coupling", "x"]["value"] == pytest.approx(1e-4 / 0.1165, abs=5e-4)
     other = values(found(capsys, path, *words, "--axis", "u"))
     assert other["output_displacement", "u"]["value"] == got["output_displacement", "x"]["value"]
-    refused(capsys, "three at least", tmp_path, path, *words[:4], "--column", "spheres=A,B")
+    refused(capsys, "at least three", tmp_path, path, *words[:4], "--column", "spheres=A,B")
 
 
 def test_a_report_with_decimal_commas_is_no_motion(capsys, tmp_path):

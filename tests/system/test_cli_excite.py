@@ -95,7 +95,10 @@ def test_the_table_says_what_is_run_and_what_is_not(capsys):
         (("--voltage", "0:12 m"), "not a unit of voltage"),
         (("--voltage", "30:30"), "must rise"),
         ((*FREE, "--axis", "x"), "--axis needs a STAGE"),
-        (("vgtu-piezo", "--voltage=-1:120"), "within 0 V to 120 V, which the stack of axis 'x'"),
+        (
+            ("vgtu-piezo", "--voltage=-1:120"),
+            "within 0 V to 120 V, the range of the stack of axis 'x'",
+        ),
         (("vgtu-piezo", "--axis", "z"), "'z'"),
         (("vgtu-mechanical",), "driven by a screw"),
         (("vgtu-pieso",), "did you mean 'vgtu-piezo'"),

@@ -29,7 +29,7 @@ sensors:
 steps:
   - {name: loops, excite: {kind: cycles, axis: x, rate: 2 Hz, cycles: 3, shape: cosine}}
   - {name: motion, measure: {of: loops, test: motion, along: x, across: x.across}}
-  - {name: blows, excite: {kind: blows, axis: y, hits: 3}}
+  - {name: blows, excite: {kind: hammer-impacts, axis: y, impacts: 3}}
   - name: blow
     measure: {of: blows, test: response, sample_rate: 10 kHz, band: [200 Hz, 800 Hz]}
   - {name: figures, characterise: {of: [motion, blow]}}
@@ -84,7 +84,7 @@ def test_tables_say_what_was_found_and_that_it_is_simulated(capsys, plan, tmp_pa
     assert "vgtu-piezo, virtual" in said
     assert "hysteresis loop width" in said
     assert "63.12" in said
-    assert "nothing was measured" in said
+    assert "these are not measured data" in said
     assert f"wrote {tmp_path / 'run' / 'report.html'}" in said
     page = (tmp_path / "run" / "report.html").read_text()
     assert "no value on this page was measured on a real stage" in page
@@ -135,7 +135,7 @@ def test_a_dry_run_of_what_cannot_be_done_fails(capsys, plan):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("nothing.yaml",), "no ready plan and no file is called 'nothing.yaml'"),
+        (("nothing.yaml",), "'nothing.yaml' is neither a built-in plan nor a file"),
         (("PLAN",), "no instrument: give --instrument"),
         (("PLAN", "--instrument", "gsc://x"), "gcs://HOST:PORT"),
         (("PLAN", "--instrument", TWIN, "--resume"), "--resume needs --folder"),
@@ -195,7 +195,7 @@ def test_the_folder_of_a_run_is_named_by_time_and_stage(capsys, plan, tmp_path, 
 @pytest.mark.parametrize("by", ["SIGINT", "SIGTERM"])
 def test_an_interrupted_run_says_how_it_is_taken_up_and_can_be(capsys, plan, tmp_path, by):
     more = (
-        "  - {name: rest, excite: {kind: hold, axis: x, duration: 1 s}}\n"
+        "  - {name: rest, excite: {kind: dwell, axis: x, duration: 1 s}}\n"
         "  - {name: held, measure: {of: rest, test: hold, along: x}}\n  - {name: loops"
     )
     long = PLAN.replace("rate: 2 Hz, cycles: 3", "rate: 2 Hz, cycles: 20")
@@ -263,4 +263,4 @@ def test_a_real_instrument_moves_only_when_it_was_allowed(capsys, plan, tmp_path
     assert made.closed
     status, said, err = run(capsys, *words, "--yes")
     assert (status, err) == (0, "")
-    assert "nothing was measured" not in said
+    assert "these are not measured data" not in said

@@ -15,7 +15,7 @@ plan: 1
 stage: vgtu-piezo
 sensors: {x: {channel: 1}}
 steps:
-  - {name: blows, excite: {kind: blows, axis: x, hits: 3}}
+  - {name: blows, excite: {kind: hammer-impacts, axis: x, impacts: 3}}
   - {name: blow, measure: {of: blows, test: response, sample_rate: 10 kHz, band: [200 Hz, 800 Hz]}}
   - name: sines
     excite:
@@ -25,12 +25,13 @@ steps:
   - {name: free, characterise: {of: [blow]}}
   - {name: in-place, characterise: {of: [place]}}
   - {name: again, characterise: {of: [place]}}
-  - {name: falls, excite: {kind: falling, axis: x, rate: 2 Hz, full: 2, falling: 3}}
+  - {name: falls, excite: {kind: descending-loops, axis: x, rate: 2 Hz, full: 2, descending: 3}}
   - {name: memory, measure: {of: falls, along: x}}
   - {name: model, identify: {of: [memory], output: x, model: [preisach]}}
   - name: held
     verify:
-      {model: model, along: x, ways: [feedback], reference: {rate: 5 Hz, settle: 1, cycles: 2}}
+      {model: model, along: x, control_modes: [feedback],
+       reference: {rate: 5 Hz, settle: 1, cycles: 2}}
 """
 
 
@@ -91,7 +92,7 @@ def test_a_run_that_is_taken_up_again_tells_the_same_notes_and_units(capsys, don
     result = json.loads(run(capsys, done, "--resume", "--json"))
     held = next(s for s in result["steps"] if s["name"] == "held")
     (way,) = held["runs"]
-    assert "the model knows no natural frequency to tune to" in way["notes"][0]
+    assert "the model has no natural frequency for the tuning" in way["notes"][0]
     assert held["units"]["tracking_rms"] == held["units"]["tracking_max"] == "m"
     assert set(held["units"]) <= set(way)
     assert way["tracking_rms_percent"] == pytest.approx(
@@ -111,7 +112,7 @@ def test_a_folder_of_another_stage_is_refused(capsys, done):
         main(words)
     said = capsys.readouterr().err
     assert ended.value.code == 2
-    assert "holds a run on the stage 'vgtu-mechanical', and this is 'vgtu-piezo'" in said
+    assert "contains a run on the stage 'vgtu-mechanical', and this is 'vgtu-piezo'" in said
     assert "complete steps are kept" not in said
 
 
@@ -138,4 +139,4 @@ def test_a_simulated_card_says_so_beside_the_results(capsys, tmp_path):
     said = capsys.readouterr()
     assert ended.value.code == 0
     assert json.loads(said.out)["origin"] == "virtual"
-    assert said.err == "flexstage: simulated card, as asked for: nothing was measured\n"
+    assert said.err == "flexstage: simulated card, as requested: not measured data\n"

@@ -141,12 +141,12 @@ def test_a_stream_is_recovered(capsys, catalogue, folder):
     status, out, err = run(capsys, "recover", stream)
     assert (status, err) == (0, "")
     assert "17 samples of 4 channels intact: 0.002176 s at 7812.5 Hz" in out
-    assert "12 bytes that are no whole chunk" in out
+    assert "the last 12 bytes are an incomplete chunk" in out
     assert f"kept {stream}" in " ".join(out.split())
     assert_true(read_record(stream.with_suffix(".h5")), range(17))
     status, _, err = run(capsys, "recover", stream)
     assert status == 2
-    assert "exists: no run is written over" in err
+    assert "exists: runs are never overwritten" in err
     elsewhere = folder.path / "again.h5"
     told = result(capsys, "recover", stream, "--out", elsewhere, "--remove")
     assert told["stream_removed"]
@@ -205,7 +205,7 @@ def test_calibrations_are_listed(capsys, catalogue):
 
 
 BAD = [
-    (("show", "zz"), 2, "beginning of its identifier"),
+    (("show", "zz"), 2, "first digits of its identifier"),
     (("show", "12"), 2, "no run of the catalogue"),
     (("--since", "soon"), 2, "expected a date such as 2031-05-17"),
     (("--since", "5 parrots"), 2, "expected a date such as 2031-05-17"),

@@ -174,15 +174,15 @@ def test_a_port_that_is_taken(capsys):
         (["vgtu-piezo", "--model", "solid"], "lumped or superelement, got 'solid'"),
         (["vgtu-piezo", "--amplifier", "x"], "voltage or charge, got 'x'"),
         (["vgtu-piezo", "--identity", "C-999"], "C-863, C-884 or flexstage, got 'C-999'"),
-        (["vgtu-piezo", "--axes", "X,Y,Z"], "2 or fewer different names of 1 to 8 letters"),
+        (["vgtu-piezo", "--axes", "X,Y,Z"], "at most 2 different names of 1 to 8 letters"),
         (["vgtu-piezo", "--axes", "2"], "such as X,Y, got '2'"),  # the second is called so already
         (["vgtu-piezo", "--axes", "X,"], "got 'X,'"),
         (["vgtu-piezo", "--axes", "a-b"], "got 'a-b'"),
-        (["vgtu-piezo", "--address", "70000"], "a port from 0 to 65535, with"),
+        (["vgtu-piezo", "--address", "70000"], "a port from 0 to 65535, optionally"),
         (["vgtu-piezo", "--servo-rate", "1 um"], "'um' is not a unit of frequency"),
         (["vgtu-piezo", "--servo-rate", "1 Hz"], "must be from 1000 to 50000"),
         (["vgtu-piezo", "--seed", "-1"], "--seed"),
-        (["vgtu-piezo", "--serial-number", "ä"], "plain printable"),
+        (["vgtu-piezo", "--serial-number", "ä"], "printable ASCII"),
     ],
 )
 def test_bad_input_is_one_sentence(capsys, words, expected):
@@ -245,7 +245,7 @@ def test_what_exceeds_limits_is_refused_before_anything_is_written(capsys, tmp_p
     t = np.arange(400) / 1e3
     status, said = played(capsys, tmp_path, t, 65.0 - 60.0 * np.cos(20.0 * t))
     assert (status, said.out) == (2, "")
-    assert "axis 'x' would get 12" in said.err
+    assert "axis 'x' would be sent to 12" in said.err
     assert "its limits are 0 to 120 V" in said.err
     assert not (tmp_path / "measured.csv").exists()
     with pytest.raises(SystemExit):

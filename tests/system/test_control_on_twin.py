@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from flexstage.control import (
+    ControlMode,
     LearningSettings,
-    Way,
     carry_out,
     control_run,
     evaluate_record,
@@ -104,18 +104,19 @@ def test_three_ways_and_learning_through_the_commands_of_a_controller() -> None:
         axis = twin.axes["x"]
         limits = {"x": axis.limits}
         rms = {}
-        for way in Way:
+        for mode in ControlMode:
             run = control_run(
-                way, wanted, periods=4, models={"x": guess()}, servo={"x": axis.servo()},
+                mode, wanted, periods=4, models={"x": guess()}, servo={"x": axis.servo()},
                 limits=limits, reading_delay=1e-4,
             )  # fmt: skip
             record = carry_out(twin, run, SIGNALS, rate_hz=5e3)
             assert record.size == 3000
-            rms[way] = evaluate_record(record, "x", wanted, "x", skip=2).whole.rms
+            rms[mode] = evaluate_record(record, "x", wanted, "x", skip=2).total.rms
             assert not axis.closed_loop
         # a straight line in place of the hysteresis: microns, a tenth of a micron with feedback
-        assert rms[Way.BOTH] < 0.25 * rms[Way.FEEDBACK] < 0.5 * rms[Way.FEEDFORWARD]
-        assert rms[Way.BOTH] < 0.3e-6
+        feedback, feedforward = rms[ControlMode.FEEDBACK], rms[ControlMode.FEEDFORWARD]
+        assert rms[ControlMode.BOTH] < 0.25 * feedback < 0.5 * feedforward
+        assert rms[ControlMode.BOTH] < 0.3e-6
 
         def trial(period: Waveform):
             made = run_waveform(twin, period, SIGNALS[:1], rate_hz=5e3, cycles=8)

@@ -124,7 +124,7 @@ def test_the_page_is_whole_and_loads_nothing(result, page):
     parsed = loads_nothing(page)
     wanted = {"figures", "motion", "workspace", "response", "standing", "budgets"}
     assert wanted <= set(parsed.ids)
-    assert "virtual measurement: simulated, not measured" in page
+    assert "virtual measurement: simulated data, not measured" in page
     assert len(page.encode()) < 5e6
     assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.S).lower().split()
 

@@ -19,7 +19,7 @@ from flexstage.elasticity.requests import PartRequest
 from flexstage.experiments import dry_run, find_plan, read_plan
 from flexstage.experiments.campaign.requests import CharacteriseRequest, SensorUncertainty
 from flexstage.experiments.campaign.results import characterise_files
-from flexstage.experiments.excitations.cycles import excitation_of
+from flexstage.experiments.excitations import excitation_of
 from flexstage.fem.part_analysis import part_result
 from flexstage.files.request import Request, recorded, request_of
 from flexstage.files.result import Result

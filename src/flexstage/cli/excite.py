@@ -53,7 +53,7 @@ def excite(
     if stage is None:
         record = excitation(request=request)
     else:
-        from flexstage.experiments.excitations.cycles import excitation_of
+        from flexstage.experiments.excitations import excitation_of
 
         record = excitation_of(options.stage(stage), request, axis)
     if out is not None:

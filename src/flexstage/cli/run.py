@@ -60,7 +60,7 @@ def run(
     file = find_plan(plan)
     test_plan = read_plan(file)
     described = options.stage(stage if stage is not None else stage_source(test_plan, file.parent))
-    test_plan.chosen(request.only)
+    test_plan.selected(request.only)
     if dry_run:
         from flexstage.experiments import dry_run as tried
 

@@ -19,12 +19,12 @@ from flexstage.control.loop_plant import (
 from flexstage.hysteresis import DriveModel, StageModes
 from flexstage.system.servo import Notch, ServoSettings
 
-#: Damping of the poles of a notch that is tried, and corners of the controller in integral times.
+#: Candidate damping ratios of the poles of a notch.
 _WIDTHS = (0.3, 0.5, 0.7, 1.0)
-#: Proportional over integral gain that is tried, in parts of the delay of the loop.
+#: Candidate ratios of proportional to integral gain, over the delay of the loop.
 _LEADS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0)
-#: Corners of a low-pass over the first mode, and shallow notches there, that turn the phase of the
-#: loop so that it damps the mode.
+#: Candidate corners of a low-pass over the first mode, and shallow notches at it. Their phase lag
+#: makes the loop damp the mode.
 _CORNERS = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 2.0)
 _SHALLOW = (None, (0.3, 0.7))
 #: A mode whose peak adds less than this to the response needs no notch.
@@ -35,24 +35,24 @@ _MAINS_WIDTH = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Requirements:
-    """What a loop must keep at every gain and frequency that its plant may have.
+    """Requirements on a loop, at every gain and frequency that its plant may have.
 
     Raises
     ------
     ModelError
-        A requirement is none that a loop can meet.
+        No loop can meet a requirement.
     """
 
     gain_margin: float = 2.0
-    """Least factor by which the gain may still rise [1]."""
+    """Smallest gain margin [1]."""
     phase_margin: float = math.radians(40.0)
-    """Least phase that may still be lost [rad]."""
+    """Smallest phase margin [rad]."""
     sensitivity_peak: float = 2.0
     """Largest sensitivity Ms [1]."""
     gain_scatter: float = 0.1
-    """How far the gain may be from the range that the model gives, over itself [1]."""
+    """Relative uncertainty of the gain beyond the range of the model [1]."""
     frequency_scatter: float = 0.03
-    """How far the natural frequencies may be from the model's, over themselves [1]."""
+    """Relative uncertainty of the natural frequencies of the model [1]."""
 
     def __post_init__(self) -> None:
         if not (self.gain_margin > 1.0 and 0.0 < self.phase_margin < 0.5 * math.pi):
@@ -62,7 +62,7 @@ class Requirements:
             )
         if not self.sensitivity_peak > 1.0:
             raise ModelError(
-                f"the peak of the sensitivity is above 1 in every loop, got "
+                f"the sensitivity peak of every loop exceeds 1, so its limit must too; got "
                 f"{self.sensitivity_peak!r}"
             )
         if not (0.0 <= self.gain_scatter < 1.0 and 0.0 <= self.frequency_scatter < 0.5):
@@ -74,22 +74,22 @@ class Requirements:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoDesign:
-    """Settings of a control, and what they keep."""
+    """Settings of a control, with the margins that they keep."""
 
     settings: ServoSettings
     """The settings."""
     nominal: Margins
     """Margins at the mean gain and the frequencies of the model."""
     worst: Margins
-    """The worst of each over the gains and frequencies that were asked for; bandwidth and crossover
-    are the lowest.
+    """The worst of each margin over the required gains and frequencies; bandwidth and crossover are
+    the lowest.
     """
     requirements: Requirements
-    """What was asked for."""
+    """The requirements."""
     plant: LoopPlant
-    """What was controlled."""
+    """The plant."""
     notes: tuple[str, ...] = field(default=())
-    """What limits the loop."""
+    """Limits of the loop."""
 
 
 def tune(
@@ -116,14 +116,14 @@ def tune(
         Integral with notches, proportional and integral with notches, a loop whose phase damps the
         first mode, or the best of them: see `tune_plant`.
     requirements : Requirements, optional
-        What to keep; the usual ones where not given.
+        Requirements on the loop (default: `Requirements`).
     mains_hz : float, optional
-        Frequency of a disturbance of the sensor that the stage shall not follow [Hz]: for a
-        reference that is slow against it, or one whose voltages are learned.
+        Frequency of a disturbance of the sensor that the stage must not follow [Hz]: for a
+        reference that is much slower, or one whose voltages are learned.
     resonance : tuple of float, optional
         Frequency [Hz] and damping ratio of the first mode with the drives in place, for a model
         that has none, such as one from a record that was too slow to show it. Without either the
-        margins are those of a stage that does not swing, and the notes say so.
+        margins are those of a stage without resonance, and the notes say so.
 
     Returns
     -------
@@ -151,16 +151,17 @@ def tune_plant(
 ) -> ServoDesign:
     r"""Return the settings with the largest integral gain that keeps the requirements.
 
-    The integral gain is what is left of slow errors (K. J. Astrom, H. Panagopoulos, T. Hagglund,
-    Automatica 34 (1998) 585, who maximise it under a bound on Ms). For each structure the largest
-    one follows in closed form at every frequency: :math:`|1 + k L_1| \ge 1/M_s` fails first at the
-    smaller root of a quadratic in k, and gain and phase margins at a crossing. Since a loop is
-    stable at small gain and none of its zeros crosses the unit circle before that, it is stable.
+    The inverse of the integral gain measures the slow error (K. J. Astrom, H. Panagopoulos, T.
+    Hagglund, Automatica 34 (1998) 585, who maximise it under a bound on Ms). For each structure its
+    largest value follows in closed form at every frequency: :math:`|1 + k L_1| \ge 1/M_s` fails
+    first at the smaller root of a quadratic in k, and gain and phase margins at a crossing. A loop
+    is stable at small gain, and none of its zeros crosses the unit circle before that: it is
+    stable.
 
-    A notch makes a loop blind for its mode, which rings on by its own damping. With a low-pass in
-    place of it the lag of the loop is such that feedback takes energy out of the mode; this costs
-    some integral gain. ``auto`` takes, of all structures at their largest gain, the one that
-    leaves least of small steps of the drive, such as a hysteresis makes where it turns:
+    With a notch a loop does not see its mode, which decays by its own damping. With a low-pass
+    instead, the lag of the loop makes feedback take energy out of the mode, at the cost of integral
+    gain. ``auto`` chooses, of all structures at their largest gain, the one with the smallest error
+    after small steps of the drive, such as a hysteresis makes at a reversal:
     :math:`\int |P/(1 + L)|^2 / \omega^2 \, d\omega`.
 
     Examples
@@ -170,30 +171,30 @@ def tune_plant(
     ...     gain=5e-7, gain_range=(4e-7, 6e-7), delay=2e-4, sample_rate_hz=10e3,
     ...     modes=StageModes(frequency_hz=[910.0], damping_ratio=[0.01]),
     ... )
-    >>> made = tune_plant(plant, kind="integral")
-    >>> round(made.worst.sensitivity_peak, 3), round(made.settings.notches[0].frequency_hz)
+    >>> tuned = tune_plant(plant, kind="integral")
+    >>> round(tuned.worst.sensitivity_peak, 3), round(tuned.settings.notches[0].frequency_hz)
     (2.0, 910)
     """
     if kind not in ("auto", "integral", "pi", "damping"):
         raise ModelError(f"a control is 'auto', 'integral', 'pi' or 'damping', got {kind!r}")
-    wanted = requirements or Requirements()
+    required = requirements or Requirements()
     best: ServoSettings | None = None
     value = 0.0
-    cases = list(_cases(plant, wanted))
+    cases = list(_cases(plant, required))
     # a larger gain of the plant is a larger gain of the loop: the others follow
     loudest = [c for c in cases if c.gain == max(c.gain for c in cases)]
     for unit in _structures(plant, kind, mains_hz):
-        gain = _largest_gain(loudest, unit, wanted) * (1.0 - 1e-9)
+        gain = _largest_gain(loudest, unit, required) * (1.0 - 1e-9)
         if not gain > 0.0:
             continue
         trial = replace(unit, integral=gain, proportional=gain * unit.proportional)
-        worth = 1.0 / _left_of_steps(plant, trial) if kind == "auto" else gain
-        if worth > value:
-            value, best = worth, trial
+        score = 1.0 / _left_of_steps(plant, trial) if kind == "auto" else gain
+        if score > value:
+            value, best = score, trial
     if best is None:
         raise ModelError(
-            "no gain keeps the margins at every gain and frequency of the plant: ask for less, or "
-            "identify the stage more exactly"
+            "no gain keeps the margins at every gain and frequency of the plant: reduce the "
+            "requirements, or identify the stage more exactly"
         )
     margins = [loop_margins(case, best) for case in cases]
     nominal = loop_margins(plant, best)
@@ -201,18 +202,18 @@ def tune_plant(
         settings=best,
         nominal=nominal,
         worst=_worst(margins),
-        requirements=wanted,
+        requirements=required,
         plant=plant,
-        notes=_notes(plant, best, wanted, mains_hz),
+        notes=_notes(plant, best, required, mains_hz),
     )
 
 
-def _cases(plant: LoopPlant, wanted: Requirements) -> list[LoopPlant]:
-    """Return the plant at the corners of its gain and its frequencies, and in their middle."""
-    low = (1.0 - wanted.gain_scatter) * plant.gain_range[0] / plant.gain
-    high = (1.0 + wanted.gain_scatter) * plant.gain_range[1] / plant.gain
+def _cases(plant: LoopPlant, required: Requirements) -> list[LoopPlant]:
+    """Return the plant at the extremes of its gain and frequencies, and at their means."""
+    low = (1.0 - required.gain_scatter) * plant.gain_range[0] / plant.gain
+    high = (1.0 + required.gain_scatter) * plant.gain_range[1] / plant.gain
     frequencies = [1.0] if plant.modes is None else [
-        1.0 + s * wanted.frequency_scatter for s in (-1.0, -0.5, 0.0, 0.5, 1.0)
+        1.0 + s * required.frequency_scatter for s in (-1.0, -0.5, 0.0, 0.5, 1.0)
     ]  # fmt: skip
     return [plant.scattered(g, f) for g in (low, 1.0, high) for f in frequencies]
 
@@ -257,15 +258,15 @@ def _notches(plant: LoopPlant, width: float) -> tuple[Notch, ...]:
 
 
 def _left_of_steps(plant: LoopPlant, settings: ServoSettings) -> float:
-    """Return the integral of the square of what a loop leaves of a unit step of the drive [s]."""
+    """Return the integral of the squared error of a loop after a unit step of the drive [s]."""
     f = loop_frequencies(plant, settings)
     omega = 2.0 * np.pi * f
-    there = plant.response(f)
-    left = there / plant.gain / (1.0 + settings.response(f, plant.sample_rate_hz) * there)
-    return float(np.trapezoid(np.abs(left) ** 2 / omega**2, omega)) / np.pi
+    response = plant.response(f)
+    residual = response / plant.gain / (1.0 + settings.response(f, plant.sample_rate_hz) * response)
+    return float(np.trapezoid(np.abs(residual) ** 2 / omega**2, omega)) / np.pi
 
 
-def _largest_gain(cases: list[LoopPlant], unit: ServoSettings, wanted: Requirements) -> float:
+def _largest_gain(cases: list[LoopPlant], unit: ServoSettings, required: Requirements) -> float:
     """Return the largest gain below which no requirement fails in any case."""
     gain = math.inf
     for plant in cases:
@@ -273,16 +274,16 @@ def _largest_gain(cases: list[LoopPlant], unit: ServoSettings, wanted: Requireme
         loop = unit.response(f, plant.sample_rate_hz) * plant.response(f)
         size2, re = np.abs(loop) ** 2, loop.real
         # the smaller root of |1 + k L|^2 = 1/Ms^2, where it is real and positive
-        inside = re**2 - size2 * (1.0 - wanted.sensitivity_peak**-2)
+        inside = re**2 - size2 * (1.0 - required.sensitivity_peak**-2)
         meets = (inside >= 0.0) & (re < 0.0)
         if meets.any():
             root = (-re[meets] - np.sqrt(inside[meets])) / size2[meets]
             gain = min(gain, float(root.min()))
         # sizes at which the phase leaves less than its margin
-        near = np.abs(np.angle(-loop)) < wanted.phase_margin
+        near = np.abs(np.angle(-loop)) < required.phase_margin
         if near.any():
             gain = min(gain, 1.0 / float(np.abs(loop[near]).max()))
-        gain = min(gain, gain_margin(loop) / wanted.gain_margin)
+        gain = min(gain, gain_margin(loop) / required.gain_margin)
     return gain if math.isfinite(gain) else 0.0
 
 
@@ -298,22 +299,22 @@ def _worst(margins: list[Margins]) -> Margins:
 
 
 def _notes(
-    plant: LoopPlant, settings: ServoSettings, wanted: Requirements, mains_hz: float | None
+    plant: LoopPlant, settings: ServoSettings, required: Requirements, mains_hz: float | None
 ) -> tuple[str, ...]:
     notes = []
     if plant.modes is not None:
         first, zeta = plant.modes.frequency_hz[0], plant.modes.damping_ratio[0]
         bare = 4.0 * math.pi * zeta * first / plant.gain
-        how = "the low-pass damps the mode and" if settings.lowpass_hz else "the notch"
+        filter_effect = "the low-pass damps the mode and" if settings.lowpass_hz else "the notch"
         notes.append(
-            f"{how} lets the integral gain be {settings.integral / bare:.3g} times what it is at "
-            f"most by itself, 2 zeta omega / gain; the mode at {first:.4g} Hz may move by "
-            f"{100.0 * wanted.frequency_scatter:.3g} %"
+            f"{filter_effect} allows an integral gain of {settings.integral / bare:.3g} times the "
+            f"limit without a filter, 2 zeta omega / gain; the mode at {first:.4g} Hz may shift by "
+            f"{100.0 * required.frequency_scatter:.3g} %"
         )
     else:
         notes.append(
-            "the plant has no mode: where the stage has one, these settings make it swing; measure "
-            "it by a small multisine or a blow, the drives in place, and give it as the resonance"
+            "the plant has no mode: a stage with one becomes unstable with these settings; measure "
+            "it with a small multisine or a hammer, drives in place, and give it as the resonance"
         )
     if mains_hz is not None:
         notes.append(

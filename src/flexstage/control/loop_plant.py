@@ -1,14 +1,14 @@
-r"""A sampled position control: what it sees of a drive, and the margins of its loop.
+r"""A sampled position control: its plant for small motions, and the margins of its loop.
 
-It sees small motions about a point of the loop of the hysteresis.
+The plant is a drive linearised about a point of the loop of its hysteresis.
 
-The voltage of a sampled controller stands still from one sample to the next. For the continuous
-part :math:`G(s)` (modes, lag, at unit static gain) and a delay :math:`\tau`, the readings follow
+The voltage of a sampled controller is constant from one sample to the next. For the continuous
+part :math:`G(s)` (modes, lag, at unit static gain) and a delay :math:`\tau`, the readings are
 
 .. math:: P(z) = g\,(1 - z^{-1}) \sum_{k \ge 0} s(kT - \tau)\, z^{-k}
 
-with the step response s in closed form from the poles of G, so that there is no error of
-discretisation, and a delay may be any part of a sample (E. I. Jury's modified z transform).
+with the step response s in closed form from the poles of G. So there is no error of discretisation,
+and a delay may be any fraction of a sample (E. I. Jury's modified z transform).
 """
 
 import math
@@ -25,24 +25,24 @@ from flexstage.system.servo import ServoSettings
 
 @dataclass(frozen=True, slots=True)
 class _Grid:
-    """Where a loop, and the hysteresis in it, are looked at."""
+    """Sampling of a loop in frequency, and of the hysteresis in it."""
 
     lowest: float = 1e-5
     """Lowest frequency, over half the rate."""
     points: int = 1500
-    """Frequencies from there to half the rate."""
+    """Number of frequencies from there to half the rate."""
     near: int = 300
-    """Frequencies more about every mode and notch, ..."""
+    """Number of additional frequencies about every mode and notch, ..."""
     widths: float = 12.0
-    """... over so many of its half widths."""
+    """... over this many half widths."""
     steps: int = 200
-    """Steps over the range at which the slope of a hysteresis is looked at."""
+    """Steps over the range for the slope of a hysteresis."""
     cycles: int = 3
-    """Cycles before the slope is looked at."""
+    """Conditioning cycles before the slope is computed."""
 
 
 _GRID = _Grid()
-#: Poles closer together than this share of their size count as one, and are moved apart.
+#: Poles closer together than this fraction of their size count as double, and are moved apart.
 _APART = 1e-6
 
 
@@ -51,7 +51,7 @@ class LoopPlant:
     """A drive and its stage for small motions, as a sampled control sees them.
 
     Validity: small motion about one point of the hysteresis loop, whose slope is within
-    `gain_range`; creep, which adds some percent at low frequency, is left out.
+    `gain_range`; creep, which adds a few per cent at low frequency, is neglected.
 
     Examples
     --------
@@ -61,16 +61,16 @@ class LoopPlant:
     """
 
     gain: float
-    """Reading over voltage where the motion is slow [m/V], positive."""
+    """Static gain, reading over voltage [m/V], positive."""
     gain_range: tuple[float, float]
-    """Least and largest slope of the hysteresis loop [m/V]."""
+    """Smallest and largest slope of the hysteresis loop [m/V]."""
     modes: StageModes | None = None
     """Modes of the stage; None for none."""
     time_constant: float = 0.0
     """First-order lag, such as that of an amplifier [s]."""
     delay: float = 0.0
-    """Time from a sample at which a voltage is worked out to the sample that sees it first [s];
-    without the standing still of the voltage between samples, which is added exactly.
+    """Time from the sample at which a voltage is computed to the first sample that it affects [s],
+    without the zero-order hold, which is added exactly.
     """
     sample_rate_hz: float = 10e3
     """Rate of the loop [Hz]."""
@@ -91,24 +91,24 @@ class LoopPlant:
             raise ModelError(f"the rate of a loop must be positive, got {self.sample_rate_hz!r} Hz")
 
     def response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the frequency response from the voltages of the controller to its readings."""
+        """Return the frequency response from the voltages of the controller to the readings."""
         step = 1.0 / self.sample_rate_hz
         z1 = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) * step)
-        whole = math.ceil(self.delay / step - 1e-9)
-        within = max(whole * step - self.delay, 0.0)
+        whole_samples = math.ceil(self.delay / step - 1e-9)
+        within = max(whole_samples * step - self.delay, 0.0)
         poles, residues = _step_response(self.modes, self.time_constant)
         total = np.ones_like(z1)
         for p, c in zip(poles, residues, strict=True):
             total += (1.0 - z1) * c * np.exp(p * within) / (1.0 - np.exp(p * step) * z1)
-        return np.asarray(self.gain * z1**whole * total, dtype=np.complex128)
+        return np.asarray(self.gain * z1**whole_samples * total, dtype=np.complex128)
 
     def scattered(self, gain: float, frequency: float) -> "LoopPlant":
         """Return the plant with other gains and frequencies."""
         modes = self.modes
         if modes is not None:
             modes = replace(modes, frequency_hz=[frequency * f for f in modes.frequency_hz])
-        own = gain * self.gain
-        return replace(self, gain=own, gain_range=(own, own), modes=modes)
+        scaled = gain * self.gain
+        return replace(self, gain=scaled, gain_range=(scaled, scaled), modes=modes)
 
 
 def _step_response(modes: StageModes | None, time_constant: float) -> tuple[Complex, Complex]:
@@ -141,13 +141,13 @@ def _step_response(modes: StageModes | None, time_constant: float) -> tuple[Comp
 
 
 def local_gains(model: DriveModel) -> tuple[float, float, float]:
-    """Return mean, least and largest slope of the loop of a drive [unit of output over input].
+    """Return mean, smallest and largest slope of the loop of a drive [unit of output over input].
 
-    The loop runs over the whole range. The least slope is that after a turn, where a control that
-    trembles on the spot works.
+    The loop runs over the entire range. The smallest slope is that after a reversal, where a
+    control works that holds a position.
     """
     if model.validity is None:
-        raise ModelError("the slope of a drive is looked at over its range: give it a validity")
+        raise ModelError("the slope of a drive needs its range: give the model a validity")
     low, high = model.validity.input_range
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     line = middle + half * np.linspace(-1.0, 1.0, _GRID.steps + 1)
@@ -158,10 +158,10 @@ def local_gains(model: DriveModel) -> tuple[float, float, float]:
     slope = np.diff(y[late]) / np.diff(u[late])
     if not slope.min() > 0.0:
         raise ModelError(
-            f"the slope of the model is {slope.min():.3g} somewhere on its loop: a control needs "
-            "one above zero; identify another model"
+            f"the slope of the model is {slope.min():.3g} at some point of its loop: a control "
+            "needs a slope above zero; identify another model"
         )
-    # the turns themselves, finer than a step of the loop shows them
+    # the reversals themselves, finer than a step of the loop
     tiny = 1e-4 * (high - low)
     after = []
     for end, way in ((line[-1], -1.0), (line[0], 1.0)):
@@ -182,26 +182,25 @@ def loop_plant(
     *,
     delay: float | None = None,
 ) -> LoopPlant:
-    """Return what a control sees of an identified drive: voltage [V] to reading [m], rising.
+    """Return the plant of an identified drive: voltage [V] to reading [m], rising.
 
-    The delay is that from a voltage that is worked out to the reading that the control works with
-    [s], without the standing still of the voltage. Where not given, it is that of the model, less
-    the half sample that a held voltage is late on the average and that is reckoned with apart, and
-    one sample more, for the conversion of the reading. Creep raises the largest gain, by what it
-    adds within a tenth of a second.
+    The delay is that from a computed voltage to the reading that the control uses [s], without the
+    zero-order hold. By default it is that of the model, less the half sample of mean delay by the
+    hold, which is added exactly, plus one sample for the conversion of the reading. Creep raises
+    the largest gain by its increase within a tenth of a second.
     """
     if model.sign < 0.0:
         raise ModelError(
-            "the reading falls where the voltage rises: turn the sign of the reading, or of the "
+            "the reading falls as the voltage rises: reverse the sign of the reading, or of the "
             "voltage, before the loop is closed"
         )
     mean, least, largest = local_gains(model)
     if model.creep is not None:
         largest *= float(abs(model.creep.frequency_response([10.0])[0]))
     lag = model.lag
-    own = 0.0 if lag is None else lag.delay
+    model_delay = 0.0 if lag is None else lag.delay
     if delay is None:
-        delay = max(own - 0.5 / sample_rate_hz, 0.0) + 1.0 / sample_rate_hz
+        delay = max(model_delay - 0.5 / sample_rate_hz, 0.0) + 1.0 / sample_rate_hz
     return LoopPlant(
         gain=mean,
         gain_range=(least, largest),
@@ -214,24 +213,24 @@ def loop_plant(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
-    """How far a loop is from swinging by itself."""
+    """Stability margins of a loop."""
 
     stable: bool
-    """Whether it is stable at all."""
+    """Whether the loop is stable."""
     gain_margin: float
-    """Factor by which the gain may still rise [1]; infinite where nothing limits it."""
+    """Gain margin [1]; infinite where the phase does not cross -180 degrees."""
     phase_margin: float
-    """Phase that may still be lost [rad]; infinite where the gain is below one throughout."""
+    """Phase margin [rad]; infinite where the gain is below one at all frequencies."""
     sensitivity_peak: float
-    """Largest of the sensitivity ``1/|1 + L|`` [1], Ms."""
+    """Peak Ms of the sensitivity ``1/|1 + L|`` [1]."""
     crossover_hz: float
     """Lowest frequency at which the gain of the loop is one [Hz]."""
     bandwidth_hz: float
-    """Frequency up to which errors are at least halved in power, ``|S| < 0.71`` [Hz]."""
+    """Bandwidth, the frequency up to which errors are halved in power, ``|S| < 0.71`` [Hz]."""
 
 
 def loop_frequencies(plant: LoopPlant, settings: ServoSettings | None = None) -> Array:
-    """Return frequencies up to half the rate, dense about modes and notches, to look at a loop."""
+    """Return frequencies of a loop up to half the rate, dense about modes and notches."""
     half = 0.5 * plant.sample_rate_hz
     parts = [np.geomspace(_GRID.lowest * half, half, _GRID.points)]
     peaks: list[tuple[float, float]] = []
@@ -252,9 +251,9 @@ def loop_margins(plant: LoopPlant, settings: ServoSettings) -> Margins:
     r"""Return the margins of a loop at one gain of its plant.
 
     With the loop :math:`L = C P` of `ServoSettings.response` and `LoopPlant.response`, both exact
-    for the sampled loop. Stability is that of the Nyquist criterion: L has one pole, that of the
-    integrator, on the unit circle and none beyond it, so that the loop is stable when the curve
-    does not go round -1.
+    for the sampled loop. Stability follows from the Nyquist criterion: L has one pole, that of the
+    integrator, on the unit circle and none outside it, so that the loop is stable when the curve
+    does not encircle -1.
 
     Parameters
     ----------
@@ -270,12 +269,12 @@ def loop_margins(plant: LoopPlant, settings: ServoSettings) -> Margins:
 
     Examples
     --------
-    An integrator with a delay of d samples meets -180 degrees at ``omega T = pi / (2 d - 1)``, so
+    An integrator with a delay of d samples reaches -180 degrees at ``omega T = pi / (2 d - 1)``, so
     that its gain margin is ``2 sin(pi / (4 d - 2)) / (k g T)``:
 
     >>> plant = LoopPlant(gain=5e-7, gain_range=(5e-7, 5e-7), delay=3e-4, sample_rate_hz=10e3)
-    >>> made = loop_margins(plant, ServoSettings(integral=2e9))
-    >>> round(made.gain_margin, 4), round(2.0 * math.sin(math.pi / 10.0) / 0.1, 4)
+    >>> margins = loop_margins(plant, ServoSettings(integral=2e9))
+    >>> round(margins.gain_margin, 4), round(2.0 * math.sin(math.pi / 10.0) / 0.1, 4)
     (6.1803, 6.1803)
     """
     f = loop_frequencies(plant, settings)
@@ -296,7 +295,7 @@ def loop_margins(plant: LoopPlant, settings: ServoSettings) -> Margins:
 
 
 def _first_fall(f: Array, size: Array) -> float:
-    """Return the frequency at which the gain first falls through one, 0 where it starts below."""
+    """Return the frequency at which the gain first falls below one, 0 where it starts below."""
     below = np.flatnonzero(size < 1.0)
     if below.size == 0:
         return float(f[-1])
@@ -308,7 +307,7 @@ def _first_fall(f: Array, size: Array) -> float:
 
 
 def gain_margin(loop: Complex) -> float:
-    """Return the inverse of the largest distance at which the curve meets the negative axis."""
+    """Return the inverse of the largest distance at which the curve crosses the negative axis."""
     at: list[float] = []
     im, re = loop.imag, loop.real
     turns = np.flatnonzero((im[:-1] * im[1:] < 0.0) & (np.minimum(re[:-1], re[1:]) < 0.0))
@@ -323,7 +322,7 @@ def gain_margin(loop: Complex) -> float:
 
 
 def _phase_margin(loop: Complex) -> float:
-    """Return the least angle between the curve and -180 degrees where its size is one."""
+    """Return the smallest angle between the curve and -180 degrees where its magnitude is one."""
     size = np.abs(loop)
     k = np.flatnonzero((size[:-1] - 1.0) * (size[1:] - 1.0) <= 0.0)
     if k.size == 0:
@@ -335,10 +334,10 @@ def _phase_margin(loop: Complex) -> float:
 
 
 def _stable(loop: Complex) -> bool:
-    """Return whether the curve from zero to half the rate leaves -1 on its left throughout.
+    """Return whether -1 is always to the left of the curve from zero to half the rate.
 
-    1 + L turns by -90 degrees on the small circle about the integrator, and by as much back on the
-    curve, if none of its zeros lies outside the unit circle.
+    1 + L turns by -90 degrees on the small circle about the integrator, and by +90 degrees on the
+    curve, if none of its zeros is outside the unit circle.
     """
     curve = 1.0 + loop
     turned = float(np.sum(np.angle(curve[1:] / curve[:-1])))

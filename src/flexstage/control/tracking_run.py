@@ -1,4 +1,4 @@
-"""How well a run followed its trajectory: loop width, errors, and what differs between periods."""
+"""Tracking errors of a run: loop width, errors, and their repeatable and random parts."""
 
 from dataclasses import dataclass
 
@@ -14,30 +14,30 @@ from flexstage.records import Record
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunTracking:
-    """What a run was like."""
+    """Tracking errors of a run."""
 
     axis: str
     """The axis."""
     time: Array
-    """Time of the samples that were compared [s], shape (n,)."""
+    """Times of the compared samples [s], shape (n,)."""
     reference: Array
-    """What was wanted [m], shape (n,)."""
+    """The reference [m], shape (n,)."""
     output: Array
-    """What came [m], shape (n,)."""
-    whole: Tracking
+    """The output [m], shape (n,)."""
+    total: Tracking
     """Loop width of the mean period, errors over all periods [m]."""
     per_period_rms: tuple[float, ...]
     """Root mean square of the error of each period [m]."""
     repeatable_rms: float
-    """Root mean square of the mean period's error [m]: what learning can still take away."""
+    """Root mean square of the mean period's error [m], which learning can still remove."""
     random_rms: float
-    """Root mean square of what differs between the periods [m]; not a number for one period."""
+    """Root mean square of the differences between the periods [m]; NaN for one period."""
     offset: float
-    """Mean of the error that was taken off, where that was asked for [m]."""
+    """Mean error that was subtracted, where requested [m]."""
 
     def reduction_percent(self, open_loop: "RunTracking") -> float:
-        """Return by how much the loop is narrower than that of a run without compensation [%]."""
-        return 100.0 * (1.0 - self.whole.loop_width / open_loop.whole.loop_width)
+        """Return the reduction of the loop width against a run without compensation [%]."""
+        return 100.0 * (1.0 - self.total.loop_width / open_loop.total.loop_width)
 
 
 def evaluate_run(
@@ -49,36 +49,36 @@ def evaluate_run(
     skip: int = 0,
     free_offset: bool = False,
 ) -> RunTracking:
-    """Compare whole periods of an output with a trajectory.
+    """Compare complete periods of an output with a trajectory.
 
-    The first sample of the output [m] is that of the trajectory; a last part of a period is left
-    out, and so are the first periods to `skip`. With a free offset a constant error is taken off:
-    for open loop, whose offset is arbitrary.
+    The first sample of the output [m] is that of the trajectory; an incomplete last period is
+    ignored, and so are the first `skip` periods. With a free offset a constant error is
+    subtracted: for open loop, whose offset is arbitrary.
 
     Examples
     --------
-    >>> from flexstage.control.trajectory_shapes import sine
-    >>> wanted = sine("x", 0.0, 40e-6, 2.0, sample_rate_hz=1e3)
-    >>> late = np.roll(np.tile(wanted.positions["x"], 3), 2)
-    >>> round(evaluate_run(wanted, "x", late).whole.rms * 1e9)
+    >>> from flexstage.control.trajectory import sine
+    >>> reference = sine("x", 0.0, 40e-6, 2.0, sample_rate_hz=1e3)
+    >>> late = np.roll(np.tile(reference.positions["x"], 3), 2)
+    >>> round(evaluate_run(reference, "x", late).total.rms * 1e9)
     355
     """
     rate = trajectory.sample_rate_hz if sample_rate_hz is None else float(sample_rate_hz)
     size = samples_of_period(trajectory, rate)
-    came = whole_periods(output, size, skip).ravel()
-    periods = came.size // size
-    wanted_period = at_times(trajectory, axis, np.arange(size) / rate)
-    wanted = np.tile(wanted_period, periods)
-    offset = float(np.mean(came - wanted)) if free_offset else 0.0
-    error = (came - offset - wanted).reshape(periods, size)
+    readings = whole_periods(output, size, skip).ravel()
+    periods = readings.size // size
+    one_period = at_times(trajectory, axis, np.arange(size) / rate)
+    reference = np.tile(one_period, periods)
+    offset = float(np.mean(readings - reference)) if free_offset else 0.0
+    error = (readings - offset - reference).reshape(periods, size)
     mean = error.mean(axis=0)
     random = float(np.sqrt(np.mean((error - mean) ** 2) * periods / max(periods - 1, 1)))
     return RunTracking(
         axis=axis,
-        time=(skip * size + np.arange(came.size)) / rate,
-        reference=wanted + offset,
-        output=came,
-        whole=_cycles_of(wanted + offset, came, size, error),
+        time=(skip * size + np.arange(readings.size)) / rate,
+        reference=reference + offset,
+        output=readings,
+        total=_cycles_of(reference + offset, readings, size, error),
         per_period_rms=tuple(float(r) for r in np.sqrt(np.mean(error**2, axis=1))),
         repeatable_rms=float(np.sqrt(np.mean(mean**2))),
         random_rms=random if periods > 1 else float("nan"),
@@ -94,7 +94,7 @@ def evaluate_record(
     *,
     skip: int = 0,
 ) -> RunTracking:
-    """Compare whole periods of a record that began with a trajectory.
+    """Compare complete periods of a record that began with a trajectory.
 
     Parameters
     ----------
@@ -103,11 +103,11 @@ def evaluate_record(
     column : str or int
         The column of the reading [m].
     trajectory : Trajectory
-        What was wanted.
+        The reference.
     axis : str
         The axis.
     skip : int
-        First periods that are left out.
+        First periods that are skipped.
 
     Returns
     -------
@@ -117,38 +117,38 @@ def evaluate_record(
     Raises
     ------
     RecordError
-        The column is missing, or there is no whole period.
+        The column is missing, or there is no complete period.
     """
     reading = record.channel(column).values
     return evaluate_run(trajectory, axis, reading, sample_rate_hz=record.sample_rate_hz, skip=skip)
 
 
 def samples_of_period(trajectory: Trajectory, sample_rate_hz: float) -> int:
-    """Return the whole number of samples of a period at a rate; a RecordError where it is none."""
+    """Return the number of samples of a period at a rate; `RecordError` if it is not whole."""
     count = trajectory.period * sample_rate_hz
     size = round(count)
     if size < 8 or abs(count - size) > 1e-6 * count:
         raise RecordError(
             f"a period of {trajectory.period:g} s is {count:.6g} samples at {sample_rate_hz:g} Hz: "
-            "record with a whole number of samples in a period"
+            "record with an integer number of samples per period"
         )
     return size
 
 
 def whole_periods(reading: ArrayLike, size: int, skip: int) -> Array:
-    """Return the whole periods of a reading after the first ones, shape (periods, size)."""
-    came = np.asarray(reading, dtype=np.float64)
-    periods = came.size // size - skip
+    """Return the complete periods of a reading after the first ones, shape (periods, size)."""
+    readings = np.asarray(reading, dtype=np.float64)
+    periods = readings.size // size - skip
     if periods < 1:
         raise RecordError(
-            f"the reading has {came.size} samples, and {skip} periods of {size} are left out: "
-            "there is no whole one to look at; record more periods"
+            f"the reading has {readings.size} samples, and {skip} periods of {size} are skipped: "
+            "no complete period remains; record more periods"
         )
-    return came[skip * size : (skip + periods) * size].reshape(periods, size)
+    return readings[skip * size : (skip + periods) * size].reshape(periods, size)
 
 
 def at_times(trajectory: Trajectory, axis: str, time: Array) -> Array:
-    """Return the positions of a trajectory that repeats at any times, by a cubic spline [m]."""
+    """Return the positions of a periodic trajectory at any times, by a cubic spline [m]."""
     from scipy.interpolate import CubicSpline
 
     x = np.asarray(trajectory.positions[axis], dtype=np.float64)
@@ -157,19 +157,25 @@ def at_times(trajectory: Trajectory, axis: str, time: Array) -> Array:
     return np.asarray(spline(at), dtype=np.float64)
 
 
-def _cycles_of(wanted: Array, came: Array, size: int, error: Array) -> Tracking:
-    """Width of the loop over cycles that begin at the lowest point of the reference."""
-    low = int(np.argmin(wanted[:size]))
-    bounds = np.arange(low, wanted.size, size)
+def _cycles_of(reference: Array, output: Array, size: int, error: Array) -> Tracking:
+    """Return the loop width over cycles that begin at the lowest point of the reference."""
+    low = int(np.argmin(reference[:size]))
+    bounds = np.arange(low, reference.size, size)
     if low == 0:
-        bounds = np.append(bounds, wanted.size)
+        bounds = np.append(bounds, reference.size)
     if bounds.size < 2:
         # one period, begun elsewhere: turned so that it begins at its low end
-        wanted, came, bounds = np.roll(wanted, -low), np.roll(came, -low), np.array([0, size])
+        reference, output, bounds = (
+            np.roll(reference, -low),
+            np.roll(output, -low),
+            np.array([0, size]),
+        )
     # the sample after the last is the first again
-    made = tracking(np.append(wanted, wanted[0]), np.append(came, came[0]), bounds)
+    cycle_tracking = tracking(
+        np.append(reference, reference[0]), np.append(output, output[0]), bounds
+    )
     return Tracking(
-        loop_width=made.loop_width,
+        loop_width=cycle_tracking.loop_width,
         rms=float(np.sqrt(np.mean(error**2))),
         largest=float(np.max(np.abs(error))),
     )

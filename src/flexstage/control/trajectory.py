@@ -1,11 +1,9 @@
-"""A trajectory: where the axes are to be, over one period, and which part of it is linear.
-
-And one that is made of the columns of a record.
-"""
+"""Trajectories of the axes over one period: sines, triangles, rasters, and columns of a record."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,15 +15,15 @@ from flexstage.instruments.protocol import Waveform
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
 
-#: A period is cut to whole samples; a change of the rate above this share is told.
-_TOLD = 1e-9
-#: Fewer samples in a period show no shape.
+#: A period has an integer number of samples; a relative change of the rate above this is noted.
+_SAME_RATE = 1e-9
+#: Smallest number of samples in a period.
 _FEWEST = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectory:
-    """One period of a motion of one or more axes, which repeats without a jump.
+    """One period of a motion of one or more axes, which repeats without a step.
 
     Raises
     ------
@@ -38,22 +36,22 @@ class Trajectory:
     sample_rate_hz: float
     """Samples in a second [Hz]."""
     linear: NDArray[np.bool_]
-    """True where the motion is what it is run for: constant speed of a triangle or a raster (the
-    slow axis of one by steps stands still); True throughout for sines. Shape (n,).
+    """True in the useful part: constant speed of a triangle or a raster (with steps, the slow axis
+    is at rest); True everywhere for sines. Shape (n,).
     """
     kind: str
-    """What it is."""
+    """Kind of the trajectory."""
     overshoot: float = 0.0
-    """How far turns lead beyond the linear part at each end [m]; 0 where there are none."""
+    """Travel of the turns beyond the linear part at each end [m]; 0 where there are none."""
     notes: tuple[str, ...] = field(default=())
-    """What was changed, to be told."""
+    """Changes, for the report."""
 
     def __post_init__(self) -> None:
         self.waveform()  # checks lengths, finiteness and rate
         if np.shape(self.linear) != (self.size,):
             raise ModelError(
-                f"the linear part of a trajectory of {self.size} samples must have as many, got "
-                f"shape {np.shape(self.linear)}"
+                f"the linear part of a trajectory of {self.size} samples must have the same "
+                f"length, got shape {np.shape(self.linear)}"
             )
 
     @property
@@ -68,7 +66,7 @@ class Trajectory:
 
     @property
     def period(self) -> float:
-        """Time after which it repeats [s]."""
+        """Duration of the period [s]."""
         return self.size / self.sample_rate_hz
 
     @property
@@ -82,7 +80,7 @@ class Trajectory:
         return float(np.mean(self.linear))
 
     def largest_speed(self, axis: str) -> float:
-        """Return the largest speed from one sample to the next, from the end to the start too.
+        """Return the largest speed between samples, including from the last to the first.
 
         Parameters
         ----------
@@ -115,7 +113,7 @@ class Trajectory:
         return Waveform(values=positions, sample_rate_hz=self.sample_rate_hz, quantity="position")
 
     def check(self, limits: Mapping[str, AxisLimits]) -> None:
-        """Refuse a trajectory that leaves the limits of its axes.
+        """Refuse a trajectory that exceeds the limits of its axes.
 
         Parameters
         ----------
@@ -125,34 +123,38 @@ class Trajectory:
         Raises
         ------
         LimitError
-            A position or a speed is beyond what its axis allows.
+            A position or a speed exceeds the limits of its axis.
         """
         for axis, x in self.positions.items():
-            own = limits.get(axis)
-            if own is None:
+            allowed = limits.get(axis)
+            if allowed is None:
                 continue
             low, high = float(np.min(x)), float(np.max(x))
-            if own.position is not None and not own.position[0] <= low <= high <= own.position[1]:
+            if (
+                allowed.position is not None
+                and not allowed.position[0] <= low <= high <= allowed.position[1]
+            ):
                 raise LimitError(
-                    f"the {self.kind} leads axis '{axis}' from {1e6 * low:.3f} to "
-                    f"{1e6 * high:.3f} um, allowed are {1e6 * own.position[0]:.3f} to "
-                    f"{1e6 * own.position[1]:.3f} um: make it smaller, or shift it"
+                    f"the {self.kind} moves axis '{axis}' from {1e6 * low:.3f} to "
+                    f"{1e6 * high:.3f} um, and its limits are {1e6 * allowed.position[0]:.3f} to "
+                    f"{1e6 * allowed.position[1]:.3f} um: make it smaller, or shift it"
                 )
             fastest = self.largest_speed(axis)
-            if own.speed is not None and fastest > own.speed * (1.0 + 1e-9):
+            if allowed.speed is not None and fastest > allowed.speed * (1.0 + 1e-9):
                 raise LimitError(
                     f"the {self.kind} moves axis '{axis}' at up to {1e6 * fastest:.4g} um/s, "
-                    f"allowed are {1e6 * own.speed:.4g} um/s: lower its rate, or make it smaller"
+                    f"and its limit is {1e6 * allowed.speed:.4g} um/s: lower its rate, or make it "
+                    "smaller"
                 )
 
 
 def period_samples(rate_hz: float, sample_rate_hz: float) -> tuple[int, tuple[str, ...]]:
-    """Return the whole number of samples of a period, and a note where that changes the rate.
+    """Return the integer number of samples of a period, and a note where that changes the rate.
 
     Examples
     --------
     >>> period_samples(3.0, 1000.0)
-    (333, ('the rate is 3.003 Hz instead of 3 Hz, for a whole number of samples',))
+    (333, ('the rate is 3.003 Hz instead of 3 Hz, for an integer number of samples',))
     """
     for name, value in (("rate", rate_hz), ("sample rate", sample_rate_hz)):
         if not (value > 0.0 and math.isfinite(value)):
@@ -160,25 +162,25 @@ def period_samples(rate_hz: float, sample_rate_hz: float) -> tuple[int, tuple[st
     count = round(sample_rate_hz / rate_hz)
     if count < _FEWEST:
         raise ModelError(
-            f"{rate_hz:g} Hz at {sample_rate_hz:g} samples a second leaves {count} samples of a "
-            f"period, at least {_FEWEST} are needed: lower the rate"
+            f"{rate_hz:g} Hz at {sample_rate_hz:g} samples per second gives {count} samples per "
+            f"period, and at least {_FEWEST} are necessary: lower the rate"
         )
-    made = sample_rate_hz / count
-    if abs(made - rate_hz) <= _TOLD * rate_hz:
+    rate = sample_rate_hz / count
+    if abs(rate - rate_hz) <= _SAME_RATE * rate_hz:
         return count, ()
     return count, (
-        f"the rate is {made:.6g} Hz instead of {rate_hz:g} Hz, for a whole number of samples",
+        f"the rate is {rate:.6g} Hz instead of {rate_hz:g} Hz, for an integer number of samples",
     )
 
 
 def delayed(trajectory: Trajectory, delay: float) -> Trajectory:
-    """Return a trajectory later by a delay [s], any part of a sample; earlier below 0."""
+    """Return a delayed trajectory [s], by any fraction of a sample; earlier below 0."""
     n = trajectory.size
     turn = np.exp(-2j * np.pi * np.fft.rfftfreq(n, 1.0 / trajectory.sample_rate_hz) * delay)
-    moved = {a: np.asarray(np.fft.irfft(np.fft.rfft(x) * turn, n), dtype=np.float64)
+    shifted = {a: np.asarray(np.fft.irfft(np.fft.rfft(x) * turn, n), dtype=np.float64)
              for a, x in trajectory.positions.items()}  # fmt: skip
-    whole = round(delay * trajectory.sample_rate_hz)
-    return replace(trajectory, positions=moved, linear=np.roll(trajectory.linear, whole))
+    shift = round(delay * trajectory.sample_rate_hz)
+    return replace(trajectory, positions=shifted, linear=np.roll(trajectory.linear, shift))
 
 
 def checked_ends(low: float, high: float, axis: str) -> tuple[float, float]:
@@ -189,7 +191,7 @@ def checked_ends(low: float, high: float, axis: str) -> tuple[float, float]:
 
 
 def smooth_step(s: ArrayLike) -> Array:
-    r"""Return the minimum-jerk way from 0 to 1.
+    r"""Return the minimum-jerk transition from 0 to 1.
 
     .. math:: 10 s^3 - 15 s^4 + 6 s^5
 
@@ -200,7 +202,258 @@ def smooth_step(s: ArrayLike) -> Array:
     return at**3 * (10.0 - 15.0 * at + 6.0 * at**2)
 
 
-#: A gap between the end and the start of more than this share of the range is closed or refused.
+#: Travel of a turn beyond the linear part, over speed and duration.
+BEYOND = 5.0 / 16.0
+
+
+def there_and_back(phase: Array, turn: float) -> Array:
+    r"""Return a motion from 0 to 1 and back at constant speed, with minimum-jerk turns.
+
+    In a turn of duration :math:`T_t` the speed goes from v to -v as a cubic,
+
+    .. math:: \dot x = v\,(1 - 6 s^2 + 4 s^3), \qquad s = t/T_t,
+
+    which has the smallest mean square jerk of all turns that begin and end at that speed without
+    acceleration. It extends :math:`5/16\, v T_t` beyond the linear part; the acceleration is at
+    most :math:`3 v/T_t`, the jerk :math:`12 v/T_t^2`.
+
+    The phase is a share of the period, 0 in the middle of the lower turn; `turn` is the duration of
+    a turn over half the period, above 0 and at most 1.
+
+    Examples
+    --------
+    >>> there_and_back(np.array([0.0, 0.25, 0.5]), 0.2).round(6).tolist()
+    [0.0, 0.5, 1.0]
+    """
+    # counted in half periods; the motion is odd about a quarter and even about a half
+    t = 2.0 * np.abs(np.asarray(phase, dtype=np.float64) - np.round(phase))
+    rising = np.minimum(t, 1.0 - t)
+    speed = 1.0 / (1.0 - turn + 2.0 * BEYOND * turn)
+    s = np.clip(rising / turn + 0.5, 0.5, 1.0)
+    # reversed: the lower turn goes from -v to v
+    way = -(s - 2.0 * s**3 + s**4) + BEYOND
+    lower = speed * (turn * way + np.maximum(rising - 0.5 * turn, 0.0))
+    return np.where(t <= 0.5, lower, 1.0 - lower)
+
+
+def linear_between_turns(phase: Array, turn: float) -> NDArray[np.bool_]:
+    """Return where such a motion has constant speed."""
+    t = 2.0 * np.abs(np.asarray(phase, dtype=np.float64) - np.round(phase))
+    edge = 0.5 * turn - 1e-9
+    return (t >= edge) & (t <= 1.0 - edge)
+
+
+def turn_share(turn_time: float | None, half_period: float) -> float:
+    """Return the duration of a turn over half the period [1]; both are given in s."""
+    if turn_time is None:
+        return 0.1
+    if not 0.0 < turn_time <= half_period * (1.0 + 1e-9):
+        raise ModelError(
+            f"a turn must last more than 0 s and at most half the period, {half_period:g} s, got "
+            f"{turn_time!r} s"
+        )
+    return min(turn_time / half_period, 1.0)
+
+
+def triangle(
+    axis: str,
+    low: float,
+    high: float,
+    rate_hz: float,
+    *,
+    sample_rate_hz: float,
+    turn_time: float | None = None,
+) -> Trajectory:
+    """Return a triangle that starts at its lower end, with minimum-jerk turns as corners.
+
+    With the range D, the half period h and the duration T of a turn the speed is
+    ``v = D / (h - 3/8 T)``, the acceleration at most ``3 v / T``. The turns are within the range.
+
+    Parameters
+    ----------
+    axis : str
+        The axis.
+    low, high : float
+        Lowest and highest position [m].
+    rate_hz : float
+        Periods in a second [Hz].
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    turn_time : float, optional
+        Duration of a turn [s] (default: a tenth of the half period).
+
+    Returns
+    -------
+    Trajectory
+        One period; its linear part has constant speed.
+
+    Raises
+    ------
+    ModelError
+        The ends do not rise, a rate is impossible, or the turn is longer than half the period.
+
+    Examples
+    --------
+    >>> wave = triangle("x", 2e-6, 61.5e-6, 1.0, sample_rate_hz=1e3, turn_time=0.04)
+    >>> round(wave.largest_speed("x") * 1e6, 2), round(wave.overshoot * 1e6, 3)
+    (122.68, 1.534)
+    >>> round(wave.linear_share, 2)
+    0.92
+    """
+    low, high = checked_ends(low, high, axis)
+    count, notes = period_samples(rate_hz, sample_rate_hz)
+    half = 0.5 * count / sample_rate_hz
+    turn = turn_share(turn_time, half)
+    phase = np.arange(count) / count
+    speed = (high - low) / (half * (1.0 - turn + 2.0 * BEYOND * turn))
+    return Trajectory(
+        positions={axis: low + (high - low) * there_and_back(phase, turn)},
+        sample_rate_hz=float(sample_rate_hz),
+        linear=linear_between_turns(phase, turn),
+        kind="triangle",
+        overshoot=BEYOND * speed * turn * half,
+        notes=notes,
+    )
+
+
+def sine(
+    axis: str, low: float, high: float, rate_hz: float, *, sample_rate_hz: float
+) -> Trajectory:
+    """Return a sine that starts at its lower end.
+
+    Parameters
+    ----------
+    axis : str
+        The axis.
+    low, high : float
+        Lowest and highest position [m].
+    rate_hz : float
+        Periods in a second [Hz].
+    sample_rate_hz : float
+        Samples in a second [Hz].
+
+    Returns
+    -------
+    Trajectory
+        One period; the speed is at most ``pi rate (high - low)``.
+
+    Raises
+    ------
+    ModelError
+        The ends do not rise, or a rate is impossible.
+
+    Examples
+    --------
+    >>> wave = sine("y", 1e-6, 60.5e-6, 50.0, sample_rate_hz=10e3)
+    >>> round(wave.largest_speed("y") * 1e3, 2)
+    9.34
+    """
+    low, high = checked_ends(low, high, axis)
+    count, notes = period_samples(rate_hz, sample_rate_hz)
+    phase = 2.0 * np.pi * np.arange(count) / count
+    return Trajectory(
+        positions={axis: 0.5 * (low + high) - 0.5 * (high - low) * np.cos(phase)},
+        sample_rate_hz=float(sample_rate_hz),
+        linear=np.ones(count, dtype=np.bool_),
+        kind="sine",
+        notes=notes,
+    )
+
+
+def raster(
+    axes: tuple[str, str],
+    fast: tuple[float, float],
+    slow: tuple[float, float],
+    line_rate_hz: float,
+    lines: int,
+    *,
+    sample_rate_hz: float,
+    slow_motion: Literal["ramp", "steps"] = "ramp",
+    turn_time: float | None = None,
+) -> Trajectory:
+    """Return a raster scan of the field, forwards and back.
+
+    Every line is a period of the fast axis, forwards and back. After the last line the slow axis
+    returns over the field while the fast one continues, so that the motion repeats without a step.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        The fast and the slow axis.
+    fast, slow : tuple of float
+        Lowest and highest position of each [m].
+    line_rate_hz : float
+        Lines in a second [Hz].
+    lines : int
+        Number of lines of the field, 2 or more.
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    slow_motion : {"ramp", "steps"}
+        Motion of the slow axis at constant speed with smooth turns at the ends of the field, or
+        minimum-jerk steps from line to line while the fast axis turns at its lower end.
+    turn_time : float, optional
+        Duration of a turn of the fast axis [s] (default: a tenth of half a line).
+
+    Returns
+    -------
+    Trajectory
+        The field forwards and back; in its linear part both axes move at constant speed.
+
+    Raises
+    ------
+    ModelError
+        The ends do not rise, a rate or a time is impossible, or there are fewer than two lines.
+
+    Examples
+    --------
+    >>> scan = raster(("x", "y"), (1e-6, 51e-6), (5e-6, 25e-6), 10.0, 16, sample_rate_hz=2e3,
+    ...               slow_motion="steps")
+    >>> round(scan.period, 6), round(scan.linear_share, 2)
+    (3.2, 0.91)
+    """
+    x0, x1 = checked_ends(*fast, axes[0])
+    y0, y1 = checked_ends(*slow, axes[1])
+    if lines < 2:
+        raise ModelError(f"a raster needs two lines or more, got {lines}")
+    if slow_motion not in ("ramp", "steps"):
+        raise ModelError(f"the slow axis moves by 'ramp' or 'steps', got {slow_motion!r}")
+    count, notes = period_samples(line_rate_hz, sample_rate_hz)
+    half = 0.5 * count / sample_rate_hz
+    turn = turn_share(turn_time, half)
+    line = np.arange(2 * lines * count) / count
+    linear = linear_between_turns(line, turn)
+    if slow_motion == "ramp":
+        # the slow axis turns during one line of the fast one
+        slow_turn = 1.0 / lines
+        share = there_and_back(line / (2 * lines), slow_turn)
+        linear &= linear_between_turns(line / (2 * lines), slow_turn)
+    else:
+        share = _steps(line, lines, turn)
+    speed = (x1 - x0) / (half * (1.0 - turn + 2.0 * BEYOND * turn))
+    return Trajectory(
+        positions={
+            axes[0]: x0 + (x1 - x0) * there_and_back(line, turn),
+            axes[1]: y0 + (y1 - y0) * share,
+        },
+        sample_rate_hz=float(sample_rate_hz),
+        linear=linear,
+        kind="raster",
+        overshoot=BEYOND * speed * turn * half,
+        notes=notes,
+    )
+
+
+def _steps(line: np.ndarray, lines: int, turn: float) -> np.ndarray:
+    """Return levels 0 ... n-1, n-1 ... 0, with steps during the turn at the end of each line."""
+    level = np.concatenate((np.arange(lines), np.arange(lines)[::-1])) / (lines - 1.0)
+    nearest = np.round(line).astype(np.intp)
+    before, after = level[nearest - 1], level[nearest % level.size]
+    # a turn lasts `turn` of half a line
+    share = smooth_step((line - nearest) / (0.5 * turn) + 0.5)
+    return before + (after - before) * share
+
+
+#: Largest step from the end to the start of a path, over its range, that needs no closing.
 _GAP = 1e-3
 
 
@@ -220,47 +473,48 @@ def trajectory_of(
     columns : Mapping
         Column by axis: its name, or its number from 0.
     sample_rate_hz : float, optional
-        Samples in a second [Hz], joined by a cubic spline; those of the record where not given.
+        Samples in a second [Hz], by a cubic spline (default: those of the record).
     close : float, optional
-        Time that is added in which the end is led to the start by least jerk [s]. Where not given,
-        the end must be the start.
+        Duration of an additional minimum-jerk move from the end to the start [s]. Without it, the
+        end must be the start.
 
     Returns
     -------
     Trajectory
-        One period of it.
+        One period.
 
     Raises
     ------
     RecordError
-        A column is missing, is not in m, or the samples are not even.
+        A column is missing, is not in m, or the samples are not uniform.
     ModelError
-        The end is not the start, and no time is given to lead it there.
+        The end is not the start, and no closing time is given.
 
     Examples
     --------
     >>> from flexstage.records import Channel
     >>> t = np.arange(200) / 1e3
     >>> path = Channel(name="x", values=3e-5 - 2e-5 * np.cos(10.0 * np.pi * t), unit="m")
-    >>> made = trajectory_of(Record(channels=(path,), time=t), {"x": "x"}, sample_rate_hz=5e3)
-    >>> made.size, round(made.period, 3)
+    >>> motion = trajectory_of(Record(channels=(path,), time=t), {"x": "x"}, sample_rate_hz=5e3)
+    >>> motion.size, round(motion.period, 3)
     (1000, 0.2)
     """
     if not record.uniform or record.over != "time":
         raise RecordError(
-            f"a trajectory needs even samples over time, and {record.source or 'the record'} has "
-            "none: resample it"
+            f"a trajectory needs uniform sampling over time, and {record.source or 'the record'} "
+            "has none: resample it"
         )
     rate = record.sample_rate_hz if sample_rate_hz is None else float(sample_rate_hz)
     added = 0 if close is None else round(close * record.sample_rate_hz)
     if close is not None and added < 2:
-        raise ModelError(f"closing a trajectory takes two samples or more, got {close!r} s")
+        raise ModelError(f"closing a trajectory needs at least two samples, got {close!r} s")
     positions = {}
     for axis, column in columns.items():
         channel = record.channel(column)
         if channel.unit not in ("m", ""):
             raise RecordError(
-                f"column '{channel.name}' is in {channel.unit}, a trajectory is in m: give its unit"
+                f"column '{channel.name}' is in {channel.unit}, and a trajectory is in m: give its "
+                "unit"
             )
         positions[axis] = _resampled(_closed(channel.values, added, axis), record, rate)
     size = len(next(iter(positions.values()), ()))
@@ -277,8 +531,8 @@ def _closed(x: np.ndarray, added: int, axis: str) -> np.ndarray:
     if not added:
         if abs(gap) > step + _GAP * float(np.ptp(x)):
             raise ModelError(
-                f"the path of '{axis}' ends {abs(gap):.3g} m from its start: it would jump there "
-                "when it repeats; give a time in which to close it"
+                f"the path of '{axis}' ends {abs(gap):.3g} m from its start, which would be a step "
+                "when it repeats; give a closing time"
             )
         return x
     share = smooth_step(np.arange(1, added + 1) / (added + 1.0))
@@ -286,12 +540,12 @@ def _closed(x: np.ndarray, added: int, axis: str) -> np.ndarray:
 
 
 def _resampled(x: np.ndarray, record: Record, rate: float) -> np.ndarray:
-    own = record.sample_rate_hz
-    if rate == own:
+    record_rate = record.sample_rate_hz
+    if rate == record_rate:
         return np.asarray(x, dtype=np.float64)
     from scipy.interpolate import CubicSpline
 
     # over the closed period: the sample after the last is the first
     spline = CubicSpline(np.arange(x.size + 1), np.append(x, x[0]), bc_type="periodic")
-    count = round(x.size / own * rate)
+    count = round(x.size / record_rate * rate)
     return np.asarray(spline(np.arange(count) * (x.size / count)), dtype=np.float64)

@@ -1,13 +1,13 @@
-"""Three ways to make a stage follow: feedforward, feedback, and both together.
+"""Three control modes: feedforward, feedback, and both together.
 
-- *Feedforward*: the inverse of the identified drive gives voltages, nobody looks.
-- *Feedback*: the position control follows the trajectory, its error is what it corrects by.
+- *Feedforward*: the inverse of the identified drive gives the voltages, without feedback.
+- *Feedback*: the position control follows the trajectory and corrects its error.
 - *Both*: the control follows the trajectory while the voltages of the inverse are added to its own,
-  so that it corrects only what the inverse leaves.
+  so that it corrects only the error of the inverse.
 
-A control compares the target of a sample with the last reading that was converted, which is one
-sample old. To have the stage at the trajectory, the target has to be where the sensor was: the
-trajectory as much later. For feedback alone this is the smallest part of what it lags behind.
+A control compares the target of a sample with the last converted reading, which is one sample old.
+So that the stage is on the trajectory, the target is the trajectory delayed by that sample. With
+feedback alone this is the smallest part of the lag.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,14 +25,14 @@ from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
 
-#: Periods before those that are looked at, in which what was before dies out.
+#: Periods before the evaluated ones, in which transients decay.
 _SETTLING = 2
-#: Time given to a loop that was just closed [s].
+#: Settling time of a loop that was just closed [s].
 _CLOSING = 0.2
 
 
-class Way(StrEnum):
-    """How a trajectory is followed."""
+class ControlMode(StrEnum):
+    """Mode of control by which a trajectory is followed."""
 
     FEEDFORWARD = "feedforward"
     FEEDBACK = "feedback"
@@ -41,35 +41,35 @@ class Way(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ControlRun:
-    """What is sent to an instrument for one way of control."""
+    """Waveforms that are sent to an instrument in one control mode."""
 
-    way: Way
-    """The way."""
+    mode: ControlMode
+    """The control mode."""
     trajectory: Trajectory
-    """Where the stage is to be."""
+    """The reference."""
     waveform: Waveform
     """Voltages, or the targets of the control."""
     feedforward: Waveform | None
     """Voltages that are added under control."""
     lead_in: Waveform | None
-    """Voltages before, which condition the drive."""
+    """Preceding voltages, which condition the drive."""
     cycles: int
-    """How often the waveform runs."""
+    """Number of repetitions of the waveform."""
     settling: int
-    """First periods that are left out of an evaluation."""
+    """First periods, which are not evaluated."""
     servo: Mapping[str, ServoSettings]
     """Settings of the control by axis."""
     notes: tuple[str, ...]
-    """What was changed, to be told."""
+    """Changes, for the report."""
 
     @property
     def periods(self) -> int:
-        """Number of periods of the trajectory that are run."""
+        """Number of periods of the trajectory in the run."""
         return self.cycles * round(self.waveform.size / self.trajectory.size)
 
 
 def control_run(
-    way: Way | str,
+    mode: ControlMode | str,
     trajectory: Trajectory,
     *,
     periods: int,
@@ -80,31 +80,30 @@ def control_run(
     settling: int = _SETTLING,
     repeat: bool = False,
 ) -> ControlRun:
-    """Return what is sent to an instrument to follow a trajectory.
+    """Return the waveforms by which an instrument follows a trajectory.
 
     Parameters
     ----------
-    way : Way or str
+    mode : ControlMode or str
         Feedforward, feedback, or both.
     trajectory : Trajectory
-        Where the stage is to be, at the rate of the wave generator.
+        The reference, at the rate of the wave generator.
     periods : int
-        Periods that are to be looked at.
+        Evaluated periods.
     models : Mapping, optional
-        Model of each axis, for a way with feedforward.
+        Model of each axis, for a mode with feedforward.
     servo : Mapping, optional
-        Settings of the control by axis, for a way with feedback; those that are set where not
-        given.
+        Settings of the control by axis, for a mode with feedback (default: the present settings).
     limits : Mapping, optional
         Limits by axis.
     reading_delay : float, optional
-        Age of a reading when the control compares it [s]; no shift of the targets where not given.
-        One sample of the loop is usual.
+        Age of a reading when the control compares it [s], usually one sample of the loop (default:
+        the targets are not delayed).
     settling : int
-        Periods before those that are looked at.
+        Periods before the evaluated ones.
     repeat : bool
-        Whether feedforward alone repeats one period as well, which makes its tables short but
-        leaves the creep that does not repeat.
+        Whether feedforward alone repeats one period too, which makes its tables short but does not
+        compensate the creep that does not repeat.
 
     Returns
     -------
@@ -114,48 +113,48 @@ def control_run(
     Raises
     ------
     ModelError
-        There is no model for a way that needs one, or no period.
+        There is no model for a mode that needs one, or no period.
     LimitError
-        The trajectory, or its voltages, leave the limits.
+        The trajectory, or its voltages, exceed the limits.
 
     Notes
     -----
-    Validity: voltages of one period that repeats are added under control, since the control takes
-    up creep and drift by itself.
+    Validity: under control, the voltages of one repeating period are added, since the control
+    corrects creep and drift by itself.
     """
-    chosen = Way(way)
+    control_mode = ControlMode(mode)
     if periods < 1 or settling < 0:
-        raise ModelError(f"a run takes one period or more, got {periods} after {settling}")
-    if chosen is not Way.FEEDFORWARD:
-        # voltages have limits of their own; those of positions are what a control may reach
+        raise ModelError(f"a run needs at least one period, got {periods} after {settling}")
+    if control_mode is not ControlMode.FEEDFORWARD:
+        # voltages have their own limits; the limits of positions apply to targets of a control
         trajectory.check(limits or {})
     total = periods + settling
-    made: Compensation | None = None
-    if chosen is not Way.FEEDBACK:
+    compensation: Compensation | None = None
+    if control_mode is not ControlMode.FEEDBACK:
         if not models:
             raise ModelError(
                 "feedforward needs the model of each axis: identify them, or choose 'feedback'"
             )
-        several = total if chosen is Way.FEEDFORWARD and not repeat else 0
-        made = compensate(models, trajectory, periods=several, limits=limits)
-    if chosen is Way.FEEDFORWARD:
-        assert made is not None
+        repeats = total if control_mode is ControlMode.FEEDFORWARD and not repeat else 0
+        compensation = compensate(models, trajectory, periods=repeats, limits=limits)
+    if control_mode is ControlMode.FEEDFORWARD:
+        assert compensation is not None
         return ControlRun(
-            way=chosen, trajectory=trajectory, waveform=made.voltage, feedforward=None,
-            lead_in=made.lead_in, cycles=total if repeat else 1, settling=settling, servo={},
-            notes=made.notes,
+            mode=control_mode, trajectory=trajectory, waveform=compensation.voltage,
+            feedforward=None, lead_in=compensation.lead_in, cycles=total if repeat else 1,
+            settling=settling, servo={}, notes=compensation.notes,
         )  # fmt: skip
-    seen = trajectory if not reading_delay else delayed(trajectory, reading_delay)
+    target = trajectory if not reading_delay else delayed(trajectory, reading_delay)
     return ControlRun(
-        way=chosen,
+        mode=control_mode,
         trajectory=trajectory,
-        waveform=seen.waveform(),
-        feedforward=None if made is None else made.voltage,
-        lead_in=None if made is None else made.lead_in,
+        waveform=target.waveform(),
+        feedforward=None if compensation is None else compensation.voltage,
+        lead_in=None if compensation is None else compensation.lead_in,
         cycles=total,
         settling=settling,
         servo=dict(servo or {}),
-        notes=trajectory.notes if made is None else made.notes,
+        notes=trajectory.notes if compensation is None else compensation.notes,
     )
 
 
@@ -168,35 +167,36 @@ def carry_out(
 ) -> Record:
     """Carry out a run on an instrument and record it.
 
-    The drives are conditioned in open loop. Then the control is switched on where the way needs it,
-    which moves nothing, and the waveform is run. Afterwards the control is on or off as before.
+    The drives are conditioned in open loop. Then the control is switched on where the mode needs
+    it, which does not move the stage, and the waveform is run. Afterwards the control is on or off
+    as before.
 
     Parameters
     ----------
     instrument : Instrument
-        The instrument, whose axes have the names of the trajectory's.
+        The instrument; its axes have the same names as those of the trajectory.
     run : ControlRun
         The run.
     signals : sequence of Signal
-        What is recorded.
+        The recorded signals.
     rate_hz : float
         Samples in a second [Hz].
 
     Returns
     -------
     Record
-        The record of all periods, the settling ones included.
+        The record of all periods, including the settling ones.
 
     Raises
     ------
     ModelError
-        An axis cannot do what the way asks for, such as to take voltages under control.
+        An axis does not support the mode, such as voltages that are added under control.
     LimitError
-        A waveform leaves the limits; nothing has been moved by it.
+        A waveform exceeds the limits; it did not move the stage.
     """
     from flexstage.instruments.record_run import run_waveform
 
-    with made_ready(instrument, run, signals, rate_hz=min(rate_hz, 100.0)):
+    with prepare(instrument, run, signals, rate_hz=min(rate_hz, 100.0)):
         return run_waveform(
             instrument,
             run.waveform,
@@ -208,17 +208,17 @@ def carry_out(
 
 
 @contextmanager
-def made_ready(
+def prepare(
     instrument: Instrument,
     run: ControlRun,
     signals: Sequence[Signal],
     *,
     rate_hz: float = 100.0,
 ) -> Iterator[None]:
-    """Condition the drives, and switch the control on where the way needs it.
+    """Condition the drives, and switch the control on where the mode needs it.
 
-    Afterwards the control is on or off as before. `signals` are read along the lead-in, at a rate
-    [Hz] that nothing depends on.
+    Afterwards the control is on or off as before. The first of the signals is read during the
+    lead-in, at any rate [Hz].
     """
     from flexstage.instruments.record_run import run_waveform
 
@@ -232,7 +232,7 @@ def made_ready(
                 if axis.closed_loop:
                     axis.set_closed_loop(False)
             run_waveform(instrument, run.lead_in, signals[:1], rate_hz=rate_hz)
-        if run.way is not Way.FEEDFORWARD:
+        if run.mode is not ControlMode.FEEDFORWARD:
             for name, axis in named.items():
                 if name in run.servo:
                     axis.set_servo(run.servo[name])
@@ -251,34 +251,35 @@ def made_ready(
 
 
 def _require(instrument: Instrument, run: ControlRun) -> None:
-    """Refuse a run that an axis of the instrument cannot do."""
-    ways = {
+    """Refuse a run that an axis of the instrument cannot carry out."""
+    required = {
         Capability.OPEN_LOOP: (
-            run.way is not Way.FEEDBACK, "axis '{}' takes no voltages: feedforward needs them"
+            run.mode is not ControlMode.FEEDBACK,
+            "axis '{}' accepts no voltages, which feedforward needs",
         ),
         Capability.CLOSED_LOOP: (
-            run.way is not Way.FEEDFORWARD,
-            "axis '{}' has no position control: feedback needs it",
+            run.mode is not ControlMode.FEEDFORWARD,
+            "axis '{}' has no position control, which feedback needs",
         ),
         Capability.FEEDFORWARD_TABLE: (
-            run.way is Way.BOTH,
-            "axis '{}' takes no voltages under control, so that feedforward and feedback cannot be "
-            "joined on this instrument: choose one of them, or learn the targets",
+            run.mode is ControlMode.BOTH,
+            "axis '{}' accepts no voltages under position control, so this instrument cannot "
+            "combine feedforward and feedback: choose one of them, or learn the targets",
         ),
     }  # fmt: skip
     for name in run.trajectory.axes:
         if name not in instrument.axes:
             raise ModelError(has_no("the instrument", "axis", name, instrument.axes))
         able = instrument.axes[name].capabilities | instrument.capabilities
-        tuned = "the control of axis '{}' cannot be set from here: leave its settings out"
-        needs = {**ways, Capability.SERVO_TUNING: (run.servo.get(name) is not None, tuned)}
+        fixed = "the settings of the control of axis '{}' cannot be changed: omit them"
+        needs = {**required, Capability.SERVO_TUNING: (run.servo.get(name) is not None, fixed)}
         for capability, (needed, sentence) in needs.items():
             if needed and capability not in able:
                 raise ModelError(sentence.format(name))
 
 
 def with_feedforward(run: ControlRun, voltage: Waveform) -> ControlRun:
-    """Return a run under control with other voltages added, such as ones that were learned.
+    """Return a run under control with other voltages added, such as learned ones.
 
     Parameters
     ----------
@@ -295,11 +296,11 @@ def with_feedforward(run: ControlRun, voltage: Waveform) -> ControlRun:
     Raises
     ------
     ModelError
-        It has no feedback, or the voltages last another time.
+        The run has no feedback, or the voltages have another length.
     """
-    if run.way is Way.FEEDFORWARD or voltage.size != run.waveform.size:
+    if run.mode is ControlMode.FEEDFORWARD or voltage.size != run.waveform.size:
         raise ModelError(
-            "voltages are added to a run with feedback, and as many as its targets; got "
-            f"{voltage.size} for {run.waveform.size} in a run by {run.way}"
+            "voltages can be added only to a run with feedback, one for each target; got "
+            f"{voltage.size} for {run.waveform.size} targets in a run by {run.mode}"
         )
-    return replace(run, way=Way.BOTH, feedforward=voltage)
+    return replace(run, mode=ControlMode.BOTH, feedforward=voltage)

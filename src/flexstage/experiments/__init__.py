@@ -1,4 +1,4 @@
-"""Experiments: what is excited, recorded, evaluated, identified and verified, step by step."""
+"""Experiments: plans and campaigns that excite, record, evaluate, identify and verify."""
 
 from typing import TYPE_CHECKING
 
@@ -7,8 +7,16 @@ from flexstage.base.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.plan import Campaign, Columns, Test, read_campaign
     from flexstage.experiments.campaign.results import Characterisation, characterise
-    from flexstage.experiments.dry_run import DryRun, dry_run
-    from flexstage.experiments.plan import Plan, Step, find_plan, plan_stage, read_plan, ready_plans
+    from flexstage.experiments.plan import (
+        DryRun,
+        Plan,
+        Step,
+        dry_run,
+        find_plan,
+        plan_stage,
+        read_plan,
+        ready_plans,
+    )
     from flexstage.experiments.results import PlanResult
     from flexstage.experiments.runner import run_plan
     from flexstage.experiments.verbs.verify import VerifiedStep

@@ -1,4 +1,4 @@
-"""What an axis of a stage allows a command to be."""
+"""Limits of the commands of an axis."""
 
 from dataclasses import dataclass
 
@@ -12,12 +12,12 @@ from flexstage.virtual.as_built import platform_stroke
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisSetting:
-    """What an axis allows."""
+    """Limits of the commands of an axis."""
 
     axis: str
     """The axis."""
     quantity: Quantity
-    """What is commanded."""
+    """Commanded quantity."""
     low: float
     """Low end of the range [V or m]."""
     high: float
@@ -31,11 +31,11 @@ class AxisSetting:
     natural_frequency_hz: float | None = None
     """Lowest natural frequency with the drives in place [Hz]."""
     estimated: bool = False
-    """Whether the range is only estimated, since no instrument has told it."""
+    """Whether the range is only estimated, without an instrument."""
 
     def place(self, share: float) -> float:
-        """Return the place of a share of the range."""
-        # both ends are met exactly
+        """Return the value at a fraction of the range."""
+        # both ends are exact
         return self.high if share == 1.0 else self.low + share * (self.high - self.low)
 
 
@@ -47,9 +47,9 @@ def axis_setting(
     limits: AxisLimits | None = None,
     natural_frequency_hz: float | None = None,
 ) -> AxisSetting:
-    """Return what an axis allows: by an instrument's limits, or else by the stage's own.
+    """Return the limits of an axis: those of an instrument, or else those of the stage.
 
-    Positions are commanded to a piezo axis in closed loop, and always to a screw.
+    A piezo axis in closed loop is commanded by position, and a screw always.
 
     Examples
     --------
@@ -58,25 +58,25 @@ def axis_setting(
     >>> setting.quantity, f"{1e6 * setting.high:.0f} um"
     ('position', '350 um')
     """
-    # of a stroke that is only estimated, the middle part that a command under control keeps to
-    clear = 0.03
+    # clearance of commands at each end of an estimated stroke, over the stroke
+    clearance = 0.03
     names = [a.name for a in stage.axes]
     if axis not in names:
         raise PlanError(has_no(f"the stage {stage.name}", "axis", axis, names))
     drive = stage.drive_of(axis)
-    own = limits if limits is not None else stage_limits(stage, axis)
+    allowed = limits if limits is not None else stage_limits(stage, axis)
     screw = isinstance(drive, Screw)
     if screw or closed_loop:
-        bounds, rate, estimated = own.position, own.speed, False
+        bounds, rate, estimated = allowed.position, allowed.speed, False
         if bounds is None:
             stroke = estimated_stroke(stage, axis)
-            bounds, estimated = (clear * stroke, (1.0 - clear) * stroke), True
+            bounds, estimated = (clearance * stroke, (1.0 - clearance) * stroke), True
         quantity: Quantity = "position"
     else:
-        bounds, rate, quantity, estimated = own.voltage, own.slew, "voltage", False
+        bounds, rate, quantity, estimated = allowed.voltage, allowed.slew, "voltage", False
     if bounds is None:
         raise PlanError(
-            f"axis '{axis}' of {stage.name} is driven by a {drive.kind} whose range is not known: "
+            f"axis '{axis}' of {stage.name} is driven by a {drive.kind} whose range is unknown: "
             "give it in the stage file"
         )
     return AxisSetting(
@@ -93,7 +93,7 @@ def axis_setting(
 
 
 def estimated_stroke(stage: Stage, axis: str) -> float:
-    """Return the stroke of an axis at the platform: the published one, else the lumped model's.
+    """Return the stroke of an axis at the platform: published, or else of the lumped model.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def estimated_stroke(stage: Stage, axis: str) -> float:
     """
     stroke = platform_stroke(stage, axis)
     if stroke is None:
-        raise PlanError(f"the drive of axis '{axis}' of {stage.name} has no stroke: give it one")
+        raise PlanError(f"the drive of axis '{axis}' of {stage.name} has no stroke: give one")
     return stroke
 
 

@@ -1,20 +1,24 @@
-"""A plan of experiments: sensors, steps that use what earlier ones gave, and its file."""
+"""A plan of experiments: sensors, steps that use results of earlier steps, file, and dry run."""
 
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from flexstage.base.choose import has_no, nearest
-from flexstage.base.errors import PlanError
+from flexstage.base.errors import FlexstageError, PlanError
+from flexstage.experiments.axis_limits import lowest_frequency
+from flexstage.experiments.command import BASE_RATE_HZ
 from flexstage.experiments.excitations import EXCITATIONS
-from flexstage.experiments.verb import Defaults, SensorEntry, Verb
+from flexstage.experiments.verb import Defaults, PlanContext, PlannedStep, SensorEntry, Verb
 from flexstage.experiments.verbs import VERBS
 from flexstage.experiments.verbs.excite import Excite
 from flexstage.files.decoder import Decoder, read, read_file
 from flexstage.files.format import Form, Format, check_name
 from flexstage.files.nodes import Mapping, Node, Sequence
+from flexstage.files.plain import picked
+from flexstage.files.result import Result
 
 if TYPE_CHECKING:
     from flexstage.stage import Stage
@@ -27,11 +31,11 @@ class Step:
     name: str
     """Its name."""
     action: Verb
-    """What it does."""
+    """Its action, with the options of its verb."""
 
     @property
     def verb(self) -> str:
-        """What it does, in a word."""
+        """Its verb."""
         return self.action.verb
 
     @property
@@ -43,7 +47,7 @@ class Step:
 _Part = TypeVar("_Part", Step, SensorEntry)
 
 
-def _named(what: str, parts: tuple[_Part, ...], name: str) -> _Part:
+def _by_name(what: str, parts: tuple[_Part, ...], name: str) -> _Part:
     for part in parts:
         if part.name == name:
             return part
@@ -52,86 +56,86 @@ def _named(what: str, parts: tuple[_Part, ...], name: str) -> _Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """Steps to be carried out on an instrument, in their order.
+    """Steps of an experiment on an instrument, in their order.
 
     Raises
     ------
     PlanError
-        Names are given twice, or a step uses what is not there.
+        A name is used twice, or a step uses a missing step or sensor.
     """
 
     stage: str
     """Stage file, or name of a built-in design."""
     title: str = ""
-    """What the plan is for."""
+    """Title of the plan."""
     serial_number: str = ""
     """Serial number of the stage."""
     sensors: tuple[SensorEntry, ...] = ()
     """The sensors."""
     defaults: Defaults = field(default_factory=Defaults)
-    """What holds for all steps."""
+    """Defaults of all steps."""
     steps: tuple[Step, ...]
     """The steps."""
     notes: tuple[str, ...] = ()
-    """Remarks that belong to every figure."""
+    """Remarks on all figures."""
 
     def __post_init__(self) -> None:
         if not self.steps:
-            raise PlanError("a plan needs one step at least, got none")
+            raise PlanError("a plan needs at least one step, got none")
         for _, message in problems(self.steps, self.sensors):
             raise PlanError(message)
 
     def step(self, name: str) -> Step:
         """Return a step by name; refused where there is none."""
-        return _named("step", self.steps, name)
+        return _by_name("step", self.steps, name)
 
     def sensor(self, name: str) -> SensorEntry:
         """Return a sensor by name; refused where there is none."""
-        return _named("sensor", self.sensors, name)
+        return _by_name("sensor", self.sensors, name)
 
     def action_of(self, name: str) -> Verb:
-        """Return what a step does; refused where there is none."""
+        """Return the action of a step; refused where there is none."""
         return self.step(name).action
 
     def axis_of(self, name: str) -> str:
-        """Return the axis that a step is about; both, such as ``xy``, where it is about two."""
+        """Return the axis of a step; both, such as ``xy``, for two axes."""
         return self.action_of(name).axis_of(self)
 
-    def chosen(self, names: tuple[str, ...] | None) -> tuple[Step, ...]:
-        """Return steps by name with all that they use, in their order; every step for None."""
+    def selected(self, names: tuple[str, ...] | None) -> tuple[Step, ...]:
+        """Return steps by name and those that they use, in their order; all steps for None."""
         if names is None:
             return self.steps
-        wanted: set[str] = set()
-        left = [self.step(name) for name in names]
-        while left:
-            step = left.pop()
-            if step.name not in wanted:
-                wanted.add(step.name)
-                left += [self.step(name) for name in step.needs]
-        return tuple(step for step in self.steps if step.name in wanted)
+        required: set[str] = set()
+        pending = [self.step(name) for name in names]
+        while pending:
+            step = pending.pop()
+            if step.name not in required:
+                required.add(step.name)
+                pending += [self.step(name) for name in step.needs]
+        return tuple(step for step in self.steps if step.name in required)
 
 
 def problems(
     steps: tuple[Step, ...], sensors: tuple[SensorEntry, ...]
 ) -> Iterator[tuple[int, str]]:
-    """Say what steps use that is not there."""
+    """Yield messages about what steps use and is missing, with the number of the step."""
     before: dict[str, Verb] = {}
-    known = [s.name for s in sensors]
-    # files are named after steps, and some systems do not tell large letters from small ones
-    taken: dict[str, str] = {}
+    sensor_names = [s.name for s in sensors]
+    # files are named after steps, and some file systems ignore case
+    names: dict[str, str] = {}
     for k, step in enumerate(steps):
-        other = taken.setdefault(step.name.casefold(), step.name)
+        other = names.setdefault(step.name.casefold(), step.name)
         if step.name in before:
-            yield k, f"two steps are called '{step.name}': give each its own name"
+            yield k, f"two steps are called '{step.name}': use different names"
         elif other != step.name:
-            yield k, f"the steps '{other}' and '{step.name}' differ in capitals only: rename one"
-        for said in step.action.problems(step.name, before, known):
-            yield k, said
+            yield k, f"the steps '{other}' and '{step.name}' differ only in case: rename one"
+        for message in step.action.problems(step.name, before, sensor_names):
+            yield k, message
         before[step.name] = step.action
 
 
 def ready_plans() -> dict[str, Path]:
-    """Return the files of the plans that come with flexstage, by name.
+    """Return the files of the built-in plans, by name.
 
     Examples
     --------
@@ -143,32 +147,32 @@ def ready_plans() -> dict[str, Path]:
 
 
 def find_plan(text: str) -> Path:
-    """Return the file of a plan: a path, or the name of one that comes with flexstage."""
+    """Return the file of a plan, from its path or the name of a built-in plan."""
     ready = ready_plans()
     if text.casefold() in ready:
         return ready[text.casefold()]
     path = Path(text)
     try:
-        found = bool(text) and path.exists()
+        exists = bool(text) and path.exists()
     except OSError:  # a name that is too long for any file
-        found = False
-    if not found:
+        exists = False
+    if not exists:
         near = nearest(text, ready, 0.4)
         hint = f"did you mean '{near}'?" if near else f"the plans are {', '.join(ready)}"
-        raise PlanError(f"no ready plan and no file is called '{text[:200]}': {hint}")
+        raise PlanError(f"'{text[:200]}' is neither a built-in plan nor a file: {hint}")
     return path
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
     """Read a plan from a YAML file whose first key is ``plan: 1``.
 
-    Where it describes no possible plan, the message is one sentence with file, line and key.
+    The message about an invalid plan names file, line and key.
     """
     return _plan_of(*read_file(Path(path), PLAN_FILE))
 
 
 def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> "Stage":
-    """Return the stage that a plan names: a built-in design, or a file as seen from a folder.
+    """Return the stage of a plan: a built-in design, or a file relative to a folder.
 
     Examples
     --------
@@ -181,7 +185,7 @@ def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> "Stage":
 
 
 def stage_source(plan: Plan, folder: str | os.PathLike[str] = ".") -> str:
-    """Return what `flexstage.stage.designs.find_stage` takes for the stage that a plan names."""
+    """Return the stage of a plan as an argument of `flexstage.stage.designs.find_stage`."""
     from flexstage.stage.designs import DESIGNS
     from flexstage.stage.designs.registry import some_of
 
@@ -190,8 +194,8 @@ def stage_source(plan: Plan, folder: str | os.PathLike[str] = ".") -> str:
     path = Path(folder) / plan.stage
     if not path.exists():
         raise PlanError(
-            f"the plan's stage '{plan.stage[:200]}' is no built-in design and no file: the designs "
-            f"are {some_of(DESIGNS)}"
+            f"the plan's stage '{plan.stage[:200]}' is neither a built-in design nor a file: the "
+            f"designs are {some_of(DESIGNS)}"
         )
     return str(path)
 
@@ -223,7 +227,7 @@ def _plan_of(decoder: Decoder, root: Mapping) -> Plan:
         decoder.refuse(listed, "steps", "expected a list of steps, each with a name and a verb")
     parts = {k: decoder.decode(kinds[k], root.items[k], k) for k in kinds if k in root.items}
     if isinstance(listed, Sequence):
-        # what is wrong between steps is told at the step
+        # a problem between steps is reported at the line of the step
         for k, message in problems(parts["steps"], parts.get("sensors", ())):
             decoder.refuse(listed.items[k], f"steps[{k}]", message)
     return decoder.build(Plan, root, "", parts, also=parts)
@@ -242,15 +246,16 @@ def _read_step(decoder: Decoder, node: Node, path: str, _base: Any) -> Step:
         decoder.refuse(
             place,
             f"{path}.name",
-            f"a step names its files: no space, dot, colon, slash or other mark that files cannot "
-            f"have may be in '{name}'",
+            f"files are named after their step, so '{name}' must not contain a space, dot, colon, "
+            "slash or other character that file names cannot have",
         )
     verbs = [key for key in node.items if key != "name"]
     if len(verbs) != 1:
         decoder.refuse(
             node,
             path,
-            f"step '{name}' needs one verb of {', '.join(VERBS)}, got {', '.join(verbs) or 'none'}",
+            f"step '{name}' needs exactly one verb of {', '.join(VERBS)}, got "
+            f"{', '.join(verbs) or 'none'}",
         )
     verb = verbs[0]
     inner, here = node.items[verb], f"{path}.{verb}"
@@ -264,7 +269,7 @@ def _step_schema(builder: Any) -> dict[str, Any]:
         "type": "object",
         "description": "A step: its name and one verb with its options.",
         "properties": {
-            "name": {"type": "string", "description": "Its name, which names its files."},
+            "name": {"type": "string", "description": "Name of the step and of its files."},
             **{verb: builder.of(kind) for verb, kind in VERBS.items()},
         },
         "additionalProperties": False,
@@ -274,7 +279,7 @@ def _step_schema(builder: Any) -> dict[str, Any]:
     }
 
 
-#: The kind of file that holds a plan.
+#: Format of a plan file.
 PLAN_FILE = Format(
     noun="plan",
     key="plan",
@@ -283,3 +288,98 @@ PLAN_FILE = Format(
     families={Excite: EXCITATIONS},
     forms={Step: Form(read=_read_step, schema=_step_schema)},
 )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DryRun(Result):
+    """Result of a dry run."""
+
+    table_key: ClassVar[str] = "steps"
+
+    stage: str
+    """Name of the stage."""
+    steps: tuple[PlannedStep, ...]
+    """Previews of its steps."""
+
+    def data(self) -> dict[str, Any]:
+        return picked(self, "stage", "duration", "steps", "problems")
+
+    @property
+    def duration(self) -> float:
+        """Total time of motion and recording [s], without the moves to the first samples."""
+        return sum(step.duration for step in self.steps)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Reasons why steps cannot be carried out."""
+        return tuple(f"step '{s.name}': {s.problem}" for s in self.steps if s.problem)
+
+
+def dry_run(
+    plan: Plan,
+    stage: "Stage",
+    *,
+    only: tuple[str, ...] | None = None,
+    base_rate_hz: float = BASE_RATE_HZ,
+) -> DryRun:
+    """Preview a plan without an instrument.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    stage : Stage
+        The stage.
+    only : tuple of str, optional
+        Selected steps; those that they use are added.
+    base_rate_hz : float
+        Highest sample rate of the instrument [Hz], which all other rates divide.
+
+    Returns
+    -------
+    DryRun
+        Previews of all steps: motions, and their duration.
+
+    Notes
+    -----
+    Validity: limits are those of the stage's description; those of an instrument may be narrower.
+    Positions that a piezo axis reaches are estimated from its published or computed stroke. The
+    commands of compensation and feedback need a model; only their duration is known.
+
+    Examples
+    --------
+    >>> from flexstage.stage.designs import design
+    >>> plan = plan_from_text('''
+    ... plan: 1
+    ... stage: vgtu-piezo
+    ... sensors:
+    ...   x: {channel: 1}
+    ... steps:
+    ...   - {name: loops, excite: {kind: cycles, axis: x, rate: 0.5 Hz}}
+    ...   - {name: motion, measure: {of: loops, test: motion, along: x}}
+    ... ''')
+    >>> preview = dry_run(plan, design("vgtu-piezo"))
+    >>> preview.duration, preview.steps[0].motions[0].high
+    (8.001, 120.0)
+    """
+    context = PlanContext(
+        plan=plan,
+        stage=stage,
+        base_rate_hz=base_rate_hz,
+        frequency=natural_frequency(plan, stage),
+    )
+    for step in plan.selected(only):
+        try:
+            planned = step.action.preview(context, step.name)
+        except FlexstageError as error:
+            planned = PlannedStep(name=step.name, verb=step.verb, what="", problem=str(error))
+        context.planned[step.name] = planned
+    return DryRun(stage=stage.name, steps=tuple(context.planned.values()))
+
+
+def natural_frequency(plan: Plan, stage: "Stage") -> float | None:
+    """Return the lowest natural frequency, which commands must not excite; None if not needed."""
+    if plan.defaults.lowest_frequency is not None:
+        return plan.defaults.lowest_frequency
+    needed = any(step.action.needs_frequency for step in plan.steps)
+    return lowest_frequency(stage) if needed else None

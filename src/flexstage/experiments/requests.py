@@ -1,4 +1,4 @@
-"""What is asked of a run of a plan."""
+"""Requests of a run of a plan."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -12,7 +12,7 @@ _TEXT = Annotated[str, Written("TEXT")]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRequest(Request):
-    """Which steps of a plan are carried out, and what its records say of who did."""
+    """Steps of a plan that are carried out, operator, and remark for the records."""
 
     refused_as: ClassVar[type[FlexstageError]] = PlanError
 
@@ -33,15 +33,15 @@ class RunRequest(Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchRequest(Request):
-    """Which instrument carries out a plan, and which catalogue its records are entered into."""
+    """Instrument that carries out a plan, and catalogue of its records."""
 
     instrument: Annotated[str, Written("ADDRESS")] | None = None
-    """gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a simulation;
-    required except with --dry-run.
+    """Address: gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a
+    simulation; required except with --dry-run.
     """
     catalogue: Annotated[str, Written("URL")] | None = None
-    """Catalogue of the records: a file, or the URL of a database; 'none' for none (default: that of
-    the user).
+    """Catalogue of the records: a file, or the URL of a database; 'none' for no catalogue (default:
+    that of the user).
     """
     yes: bool = False
     """Do not ask for confirmation before a real instrument moves."""

@@ -1,4 +1,4 @@
-"""What the steps of a plan gave."""
+"""Result of a plan."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,13 +21,13 @@ from flexstage.quantities.characteristic import (
 )
 from flexstage.stage import Stage
 
-#: Figures that depend on whether the drives hold the stage.
+#: Figures that depend on whether the drives are in place.
 _OF_MODES = ("natural_frequency_hz", "damping_ratio")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanResult(Result):
-    """What a plan gave."""
+    """Result of a plan."""
 
     table_key: ClassVar[str] = "figures"
 
@@ -36,17 +36,17 @@ class PlanResult(Result):
     stage: Stage
     """The stage."""
     run: RunMetadata
-    """Who carried it out on what, and when it began."""
+    """Metadata: operator, instrument, start."""
     finished: str
     """Date and time of the end, UTC, ISO 8601."""
     duration: float
-    """How long it took [s]."""
+    """Duration [s]."""
     folder: Path
-    """Where everything was written."""
+    """Folder of the run."""
     steps: tuple[StepResult, ...]
-    """What each step gave, in their order."""
+    """Results of the steps, in their order."""
     notes: tuple[str, ...] = ()
-    """What belongs to every figure."""
+    """Remarks on all figures."""
 
     @property
     def origin(self) -> Literal["measured", "virtual"]:
@@ -65,52 +65,52 @@ class PlanResult(Result):
 
     @property
     def further_figures(self) -> tuple[MeasuredCharacteristic, ...]:
-        """Figures of tests that repeat a quantity of an axis: not those of references followed."""
-        own = {id(f) for f in self.figures}
-        found: list[MeasuredCharacteristic] = []
+        """Figures of tests that repeat a quantity of an axis, without those of verify."""
+        first_figures = {id(f) for f in self.figures}
+        further: list[MeasuredCharacteristic] = []
         for step in (step for step in self.steps if step.tests):
             # a test that two steps evaluate has the same figures in both
-            known = {(f.quantity, f.axis, f.test) for f in (*self.figures, *found)}
-            found += [
+            listed = {(f.quantity, f.axis, f.test) for f in (*self.figures, *further)}
+            further += [
                 f
                 for f in step.figures
-                if id(f) not in own and (f.quantity, f.axis, f.test) not in known
+                if id(f) not in first_figures and (f.quantity, f.axis, f.test) not in listed
             ]
-        return in_order(found)
+        return in_order(further)
 
     def drives_in_place(self, figure: MeasuredCharacteristic) -> bool:
-        """Say whether a natural frequency or damping is that of the stage with its drives in place.
+        """Return whether a natural frequency or damping is that with the drives in place.
 
-        Then it is no figure to set beside those of the stage with its drives taken out, which is
-        what is published and computed under that name.
+        Such a figure cannot be compared with published and computed values, which apply to the
+        stage with its drives removed.
         """
         if figure.quantity not in _OF_MODES:
             return False
         (source,) = self.plan.step(figure.test).needs
-        return not self.plan.action_of(source).struck
+        return not self.plan.action_of(source).by_hammer
 
     def published_of(self, figure: MeasuredCharacteristic) -> tuple[Characteristic, ...]:
-        """Return what was published of the same thing; nothing of a mode with drives in place."""
+        """Return the published values of a figure; none for a mode with drives in place."""
         if self.drives_in_place(figure):
             return ()
-        wanted = (figure.quantity, figure.axis)
-        return tuple(row for row in self.stage.published if (row.quantity, row.axis) == wanted)
+        key = (figure.quantity, figure.axis)
+        return tuple(row for row in self.stage.published if (row.quantity, row.axis) == key)
 
     @property
     def published(self) -> Characteristics:
-        """What was published of the quantities and axes that were measured here."""
-        asked = {(f.quantity, f.axis) for f in self.all_figures}
+        """Published values of the quantities and axes that the plan measured."""
+        measured = {(f.quantity, f.axis) for f in self.all_figures}
         return Characteristics(
-            row for row in self.stage.published if (row.quantity, row.axis) in asked
+            row for row in self.stage.published if (row.quantity, row.axis) in measured
         )
 
     def of(self, verb: str) -> tuple[StepResult, ...]:
-        """Return what all steps of a verb gave."""
+        """Return the results of all steps of a verb."""
         return tuple(step for step in self.steps if self.plan.step(step.name).verb == verb)
 
     @property
     def characterisation(self) -> Characterisation:
-        """All figures as those of one set of tests."""
+        """All figures as the result of one campaign."""
         tests: dict[str, TestResult] = {}
         for test in (test for step in self.steps for test in step.tests):
             tests.setdefault(test.test.name, test)
@@ -123,24 +123,24 @@ class PlanResult(Result):
         )
 
     def figure(self, quantity: str, axis: str) -> MeasuredCharacteristic:
-        """Return one figure; refused where no step gave it."""
+        """Return one figure; refused where no step measured it."""
         for figure in self.figures:
             if (figure.quantity, figure.axis) == (quantity, axis):
                 return figure
-        given = ", ".join(f"{f.quantity} of {f.axis}" for f in self.figures) or "nothing"
-        raise PlanError(f"no step gave {quantity} of axis '{axis}': there is {given}")
+        available = ", ".join(f"{f.quantity} of {f.axis}" for f in self.figures) or "nothing"
+        raise PlanError(f"no step measured {quantity} of axis '{axis}': available: {available}")
 
     def step(self, name: str) -> StepResult:
-        """Return what a step gave; refused where it was not run."""
+        """Return the result of a step; refused where it was not run."""
         for step in self.steps:
             if step.name == name:
                 return step
         raise PlanError(
-            f"no step '{name}' was run: there is {', '.join(s.name for s in self.steps)}"
+            f"step '{name}' was not run: the steps are {', '.join(s.name for s in self.steps)}"
         )
 
     def relative(self, file: Path) -> str:
-        """Return the name of a file from the folder of the run."""
+        """Return the name of a file, relative to the folder of the run."""
         return file.relative_to(self.folder).as_posix()
 
     def plain_figure(self, figure: MeasuredCharacteristic) -> dict[str, Any]:
@@ -157,7 +157,7 @@ class PlanResult(Result):
         }
 
     def data(self) -> dict[str, Any]:
-        made = provenance(self.plan, dict(self.run.settings))
+        origin_of_run = provenance(self.plan, dict(self.run.settings))
         steps = (
             {"name": s.name, "verb": self.plan.step(s.name).verb, **s.plain(self)}
             for s in self.steps
@@ -171,5 +171,5 @@ class PlanResult(Result):
             "further_figures": [self.plain_figure(f) for f in self.further_figures],
             "steps": plain(list(steps)),
             "notes": list(self.notes),
-            "provenance": {k: v for k, v in plain(made).items() if k != "created"},
+            "provenance": {k: v for k, v in plain(origin_of_run).items() if k != "created"},
         }

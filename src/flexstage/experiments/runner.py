@@ -1,7 +1,7 @@
-"""Carries out a plan on an instrument, and takes it up again where it was interrupted.
+"""Run a plan on an instrument, and resume an interrupted run.
 
-A step is not repeated where the hash of what it depends on, its fingerprint, is that of the run
-before and its files are whole.
+A step is not repeated where its fingerprint, the hash of everything that it depends on, is that of
+the earlier run and its files are complete.
 """
 
 import datetime
@@ -16,8 +16,7 @@ from typing import Any
 from flexstage.base import progress
 from flexstage.base.errors import FlexstageError, PlanError
 from flexstage.base.provenance import content_hash, file_hash
-from flexstage.experiments.dry_run import dry_run, natural_frequency
-from flexstage.experiments.plan import Plan, Step, plan_stage
+from flexstage.experiments.plan import Plan, Step, dry_run, natural_frequency, plan_stage
 from flexstage.experiments.requests import RunRequest
 from flexstage.experiments.results import PlanResult
 from flexstage.experiments.state import (
@@ -26,7 +25,7 @@ from flexstage.experiments.state import (
     clear_leftovers,
     files_hash,
     fingerprint,
-    is_whole,
+    is_complete,
     read_state,
     write_state,
 )
@@ -55,63 +54,63 @@ def run_plan(
     stage: Stage | None = None,
     title: str = "",
     catalogue: str | None = None,
-    held: str = "",
-    **asked: Any,
+    locked_as: str = "",
+    **options: Any,
 ) -> PlanResult:
     """Carry out a plan.
 
-    Every record is on disk while it is taken, and how far the plan has come after every step. The
-    stage is locked by its serial number, and stopped whatever ends the run.
+    Records are written to disk while they are measured, and the state of the run after every step.
+    The stage is locked by its serial number. It is stopped however the run ends.
 
     Parameters
     ----------
     plan : Plan
         The plan.
     instrument : Instrument
-        What it is carried out on, real or simulated.
+        The instrument, real or simulated.
     folder : str or os.PathLike
-        Where everything is written: ``run.json``, ``records/``, ``models/``, ``results.json``.
+        Folder of the run: ``run.json``, ``records/``, ``models/``, ``results.json``.
     request : RunRequest, optional
-        Which steps are wanted, who works, and whether to take up what the folder holds: steps are
-        repeated that are missing, or that depend on what has changed.
+        Steps, operator, and whether to resume the run in the folder. A resumed run repeats steps
+        that are missing, and those whose inputs have changed.
     stage : Stage, optional
-        The stage; the one that the plan names where not given.
+        The stage (default: that of the plan).
     title : str
-        What the plan is called where it does not say so itself.
+        Title of a plan that has none itself.
     catalogue : str, optional
-        Database that every record is entered into; none where not given.
-    held : str
-        Name under which this program has locked the stage already; empty where it has not.
-    **asked
+        Database for the entries of all records (default: none).
+    locked_as : str
+        Name under which this program has already locked the stage; empty where it has not.
+    **options
         Fields of `RunRequest`, in place of those of `request`.
 
     Returns
     -------
     PlanResult
-        What every step gave.
+        Results of all steps.
 
     Raises
     ------
     PlanError
-        The plan cannot be carried out as it is; nothing has been moved.
+        The plan cannot be carried out; the stage has not moved.
     FlexstageError
-        A step failed: what it had recorded is kept.
+        A step failed; its recorded samples are kept.
 
     Validity
     --------
-    The lock holds off programs of the same user on the same computer. A simulated instrument is not
+    The lock excludes programs of the same user on the same computer. A simulated instrument is not
     locked; the folder always is.
     """
-    request = request_of(RunRequest, request, asked)
-    own = stage if stage is not None else plan_stage(plan)
-    where = Path(folder)
-    _require_possible(plan, own, request.only, instrument)
+    request = request_of(RunRequest, request, options)
+    run_stage = stage if stage is not None else plan_stage(plan)
+    path = Path(folder)
+    _require_possible(plan, run_stage, request.only, instrument)
     run = RunMetadata(
         plan=plan.title or title,
         operator=request.operator,
         note=request.note,
-        stage=own.name,
-        stage_hash=content_hash(own),
+        stage=run_stage.name,
+        stage_hash=content_hash(run_stage),
         serial_number=plan.serial_number or instrument.identity.serial_number,
         instrument=instrument.identity,
         design=plan.stage,
@@ -119,16 +118,18 @@ def run_plan(
     )
     context = RunContext(
         plan=plan,
-        stage=own,
+        stage=run_stage,
         instrument=instrument,
-        folder=where,
+        folder=path,
         run=run,
         base_rate_hz=base_rate_of(instrument),
-        frequency=natural_frequency(plan, own),
+        frequency=natural_frequency(plan, run_stage),
     )
-    with folder_lock(where):
-        steps = plan.chosen(request.only)
-        return _carry_out(plan, context, steps, catalogue, resume=request.resume, held=held)
+    with folder_lock(path):
+        steps = plan.selected(request.only)
+        return _carry_out(
+            plan, context, steps, catalogue, resume=request.resume, locked_as=locked_as
+        )
 
 
 def _carry_out(
@@ -138,71 +139,71 @@ def _carry_out(
     catalogue: str | None,
     *,
     resume: bool,
-    held: str,
+    locked_as: str,
 ) -> PlanResult:
-    instrument, where = context.instrument, context.folder
-    state = _begun(context, resume=resume)
-    began = time.monotonic()
-    told: tuple[str, ...] = ()
+    instrument, folder = context.instrument, context.folder
+    state = _initial_state(context, resume=resume)
+    start = time.monotonic()
+    problems: tuple[str, ...] = ()
     try:
         serial = context.run.serial_number
-        locked = instrument_lock(instrument, serial or context.stage.name, held=held)
-        with locked, guarded(instrument):
+        lock = instrument_lock(instrument, serial or context.stage.name, locked_as=locked_as)
+        with lock, guarded(instrument):
             for axis in instrument.axes.values():
                 axis.reference()
             state = _run_steps(context, state, steps)
             to_safe(instrument)
     finally:
-        # what was recorded until then is entered too
-        told = _enter_all(context, catalogue)
+        # an interrupted run is entered too
+        problems = _enter_all(context, catalogue)
     finished = _now()
-    write_state(where, replace(state, finished=finished))
+    write_state(folder, replace(state, finished=finished))
     result = PlanResult(
         plan=plan,
         stage=context.stage,
         run=replace(context.run, started=state.started),
         finished=finished,
-        duration=time.monotonic() - began,
-        folder=where,
+        duration=time.monotonic() - start,
+        folder=folder,
         steps=tuple(context.results[s.name] for s in plan.steps if s.name in context.results),
-        notes=(*_notes(context), *told),
+        notes=(*_notes(context), *problems),
     )
-    write_whole(where / "results.json", json_text(result.to_dict()))
+    write_whole(folder / "results.json", json_text(result.to_dict()))
     return result
 
 
 def new_run_folder(parent: Path, stage: str, plan: str) -> Path:
-    """Return a folder for a run that is not there yet, named after time, stage and plan."""
+    """Return a new folder for a run, named after time, stage and plan."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
     words = [now, file_name(stage)]
     if plan != stage:
         words.append(file_name(plan))
-    made = parent / "-".join(words)
+    folder = parent / "-".join(words)
     k = 2
-    while made.exists():
-        made = made.with_name(f"{'-'.join(words)}-{k}")
+    while folder.exists():
+        folder = folder.with_name(f"{'-'.join(words)}-{k}")
         k += 1
-    return made
+    return folder
 
 
 def _require_possible(
     plan: Plan, stage: Stage, only: tuple[str, ...] | None, instrument: Instrument
 ) -> None:
-    """Refuse a plan of which a dry run shows that it cannot be carried out."""
+    """Refuse a plan that fails a dry run."""
     rate = base_rate_of(instrument)
     for problem in dry_run(plan, stage, only=only, base_rate_hz=rate).problems:
-        raise PlanError(f"{problem}; nothing has been moved")
-    struck = [step.name for step in plan.chosen(only) if step.action.struck]
-    if struck and Capability.IMPACT not in instrument.capabilities:
+        raise PlanError(f"{problem}; the stage has not moved")
+    impacts = [step.name for step in plan.selected(only) if step.action.by_hammer]
+    if impacts and Capability.IMPACT not in instrument.capabilities:
         raise PlanError(
-            f"the {instrument.identity.model} has no hammer for {', '.join(struck)}: leave these "
-            "steps out by --only, or strike the stage by hand and evaluate the record of the "
-            "hammer's own instrument; nothing has been moved"
+            f"the {instrument.identity.model} has no hammer for {', '.join(impacts)}: exclude "
+            "these steps with --only, or excite the stage by hand and evaluate the record of the "
+            "hammer's instrument; the stage has not moved"
         )
 
 
-def _begun(context: RunContext, *, resume: bool) -> RunState:
-    """Return the state to go on from, and make the folder."""
+def _initial_state(context: RunContext, *, resume: bool) -> RunState:
+    """Return the state to resume from, and create the folder."""
     folder = context.folder
     before = read_state(folder)
     if before is not None and not resume:
@@ -214,12 +215,12 @@ def _begun(context: RunContext, *, resume: bool) -> RunState:
     if before is not None and before.instrument.simulated != identity.simulated:
         kinds = ("a real instrument", "a simulated one")
         raise PlanError(
-            f"'{folder}' holds a run on {kinds[before.instrument.simulated]}, and this is "
+            f"'{folder}' contains a run on {kinds[before.instrument.simulated]}, and this is "
             f"{kinds[identity.simulated]}: choose another folder"
         )
     if before is not None and before.stage != context.stage.name:
         raise PlanError(
-            f"'{folder}' holds a run on the stage '{before.stage}', and this is "
+            f"'{folder}' contains a run on the stage '{before.stage}', and this is "
             f"'{context.stage.name}': choose another folder"
         )
     for part in ("records", "models"):
@@ -241,45 +242,45 @@ def _run_steps(context: RunContext, state: RunState, steps: tuple[Step, ...]) ->
             progress.update(step.name[:17])
             mark = fingerprint(step, context.plan, context.stage, identity, outputs)
             before = state.steps.get(step.name)
-            now = before is None or not is_whole(context.folder, before, mark)
+            now = before is None or not is_complete(context.folder, before, mark)
             if now:
-                state = _carried_out(context, state, step, mark)
+                state = _run_step(context, state, step, mark)
             files = [context.folder / name for name in state.steps[step.name].files]
-            with _told(context, state, step):
+            with _failure_recorded(context, state, step):
                 context.results[step.name] = step.action.result(context, step.name, files, now=now)
             outputs[step.name] = _output(context, step, state.steps[step.name])
     return state
 
 
-def _carried_out(context: RunContext, state: RunState, step: Step, mark: str) -> RunState:
-    """Do a step; whatever happens, the state on disk says how far it came."""
+def _run_step(context: RunContext, state: RunState, step: Step, mark: str) -> RunState:
+    """Carry out a step; the state on disk is current, however it ends."""
     before = state.steps.get(step.name)
     partial = clear_leftovers(context.folder, step.name, () if before is None else before.partial)
     running = StepState(status="running", fingerprint=mark, partial=partial, started=_now())
     state = state.with_step(step.name, running)
     write_state(context.folder, state)
-    with _told(context, state, step):
+    with _failure_recorded(context, state, step):
         files = step.action.run(context, step.name)
-    digits = {path.relative_to(context.folder).as_posix(): file_hash(path) for path in files}
-    done = replace(running, status="complete", files=digits, finished=_now())
-    state = state.with_step(step.name, done)
+    hashes = {path.relative_to(context.folder).as_posix(): file_hash(path) for path in files}
+    complete = replace(running, status="complete", files=hashes, finished=_now())
+    state = state.with_step(step.name, complete)
     write_state(context.folder, state)
     return state
 
 
 @contextmanager
-def _told(context: RunContext, state: RunState, step: Step) -> Iterator[None]:
-    """Write down why a step ended early, and name it in the message."""
+def _failure_recorded(context: RunContext, state: RunState, step: Step) -> Iterator[None]:
+    """Write the reason of a failed step to the state, and name the step in the message."""
     try:
         yield
     except BaseException as error:
         message = str(error) or type(error).__name__
         before = state.steps[step.name]
-        # a record that is whole is kept, even if its evaluation fails
+        # a complete record is kept, even if its evaluation fails
         if not before.files:
             status = "failed" if isinstance(error, Exception) else "interrupted"
             ended = replace(before, status=status, finished=_now(), message=message)
-            # a full disk that ended the step takes no state either; the one there says "running"
+            # a full disk accepts no state either; the old state says "running"
             with suppress(OSError):
                 write_state(context.folder, state.with_step(step.name, ended))
         if isinstance(error, FlexstageError) and f"'{step.name}'" not in message:
@@ -287,18 +288,18 @@ def _told(context: RunContext, state: RunState, step: Step) -> Iterator[None]:
         raise
 
 
-def _output(context: RunContext, step: Step, done: StepState) -> str:
-    """Return the hash of what later steps use of a step."""
+def _output(context: RunContext, step: Step, state: StepState) -> str:
+    """Return the hash of the output of a step, which later steps use."""
     command = context.commands.get(step.name)
     if command is not None:
         return command.hash
-    return files_hash(done.files) if done.files else done.fingerprint
+    return files_hash(state.files) if state.files else state.fingerprint
 
 
 def _notes(context: RunContext) -> tuple[str, ...]:
     notes = list(context.plan.notes)
     if context.instrument.identity.simulated:
-        notes.insert(0, "the instrument is a simulation: nothing was measured")
+        notes.insert(0, "simulated instrument: these are not measured data")
     return tuple(notes)
 
 
@@ -307,7 +308,7 @@ def _now() -> str:
 
 
 def _enter_all(context: RunContext, catalogue: str | None) -> tuple[str, ...]:
-    """Enter every record and model of a run; what cannot be entered is told and never lost."""
+    """Enter all records and models of a run; return notes on those that could not be entered."""
     if catalogue is None:
         return ()
     try:
@@ -319,8 +320,9 @@ def _enter_all(context: RunContext, catalogue: str | None) -> tuple[str, ...]:
     except (FlexstageError, OSError) as error:
         problems = [str(error)]
     return tuple(
-        f"not in the catalogue: {said}; enter it later by 'flexstage runs add {context.folder}'"
-        for said in problems
+        f"not in the catalogue: {problem}; enter it later with 'flexstage runs add "
+        f"{context.folder}'"
+        for problem in problems
     )
 
 
@@ -331,8 +333,8 @@ def _enter_models(context: RunContext, catalogue: str, runs: Mapping[str, str]) 
         design=context.run.design,
         hash=context.run.stage_hash,
     )
-    made = (step.model_entry(context, stage, runs) for step in context.results.values())
-    entries = [entry for entry in made if entry is not None]
+    candidates = (step.model_entry(context, stage, runs) for step in context.results.values())
+    entries = [entry for entry in candidates if entry is not None]
     if entries:
         with Catalogue.open(catalogue) as database:
             for entry in entries:

@@ -1,6 +1,6 @@
-"""How far a plan has come: kept on disk after every step, so that it can be taken up again.
+"""State of a run, written to disk after every step, so that the run can be resumed.
 
-What an earlier attempt at a step has left is kept under another name, never written over.
+Files of earlier attempts at a step are renamed, never overwritten.
 """
 
 import hashlib
@@ -29,28 +29,28 @@ STATE_FILE = Format(
     key="run",
     error=PlanError,
     exact=True,
-    mend="choose another folder, or remove the file to begin the run anew",
+    mend="choose another folder, or remove the file to restart the run",
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepState:
-    """How far one step has come."""
+    """State of one step."""
 
     status: Literal["running", "complete", "interrupted", "failed"]
-    """How it is."""
+    """Status."""
     fingerprint: str
     """Hash of everything that the step depends on."""
     files: Mapping[str, str] = field(default_factory=dict)
-    """SHA-256 of each of its files, by its name from the folder of the run."""
+    """SHA-256 of each of its files, by its name relative to the folder of the run."""
     partial: tuple[str, ...]
-    """Files of attempts that were interrupted."""
+    """Files of interrupted attempts."""
     started: str = ""
     """Date and time of its start, UTC."""
     finished: str = ""
     """Date and time of its end, UTC."""
     message: str = ""
-    """Why it ended early."""
+    """Reason why it failed."""
 
     def __post_init__(self) -> None:
         _require_times(self, "a step")
@@ -58,10 +58,10 @@ class StepState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunState(StageRun):
-    """How far a plan has come."""
+    """State of a run."""
 
     finished: str = ""
-    """Date and time of the end, UTC; empty until all is done."""
+    """Date and time of the end, UTC; empty until the run is complete."""
     steps: Mapping[str, StepState]
     """Steps by name."""
 
@@ -69,7 +69,7 @@ class RunState(StageRun):
         _require_times(self, "a run")
 
     def with_step(self, name: str, step: StepState) -> "RunState":
-        """Return the same with one step changed."""
+        """Return the state with one step replaced."""
         return replace(self, steps={**self.steps, name: step})
 
 
@@ -83,13 +83,13 @@ def _require_times(state: StepState | RunState, what: str) -> None:
 
 
 def write_state(folder: Path, state: RunState) -> None:
-    """Write the state whole, or leave the one that is there."""
+    """Write the state completely, or keep the present file."""
     content = {STATE_FILE.key: STATE_FILE.version, **asdict(state)}
     write_whole(folder / _NAME, json.dumps(content, indent=1) + "\n")
 
 
 def read_state(folder: Path) -> RunState | None:
-    """Read the state of a run; None where the folder holds none."""
+    """Read the state of a run; None where the folder has none."""
     path = folder / _NAME
     try:
         return read_json(RunState, path.read_bytes(), str(path), STATE_FILE)
@@ -107,7 +107,7 @@ def fingerprint(
     words = [step.name, content_hash(step.action), content_hash(stage), content_hash(plan.defaults)]
     words += [f"{name}={upstream[name]}" for name in step.needs]
     if step.action.moving:
-        # which sensor is read where, but not how well it is known
+        # the channels of the sensors, but not their uncertainties
         sensors = tuple(SensorEntry(name=s.name, channel=s.channel, unit=s.unit)
                         for s in plan.sensors)  # fmt: skip
         words += [content_hash(sensors), content_hash(replace(instrument, firmware=""))]
@@ -121,30 +121,30 @@ def files_hash(files: Mapping[str, str]) -> str:
     return hashlib.sha256(words.encode()).hexdigest()
 
 
-def is_whole(folder: Path, step: StepState, mark: str) -> bool:
-    """Say whether a step need not be repeated."""
+def is_complete(folder: Path, step: StepState, mark: str) -> bool:
+    """Return whether a step need not be repeated."""
     if step.status != "complete" or step.fingerprint != mark:
         return False
-    for name, digits in step.files.items():
+    for name, digest in step.files.items():
         path = folder / name
-        if not path.is_file() or file_hash(path) != digits:
+        if not path.is_file() or file_hash(path) != digest:
             return False
     return True
 
 
 def clear_leftovers(folder: Path, name: str, before: tuple[str, ...]) -> tuple[str, ...]:
-    """Put aside what earlier attempts at a step have left; return all files ever put aside.
+    """Rename the files of earlier attempts at a step; return all files that were ever renamed.
 
-    Files are named from the folder of the run; `before` are those of earlier attempts.
+    Names are relative to the folder of the run; `before` are those of earlier attempts.
 
-    A stream that was cut short is recovered into ``NAME.partial-N.h5``; a record that is no longer
-    valid becomes ``NAME.replaced-N.h5``.
+    An incomplete stream is recovered into ``NAME.partial-N.h5``; a record that is no longer valid
+    becomes ``NAME.replaced-N.h5``.
     """
-    kept = list(before)
+    partial = list(before)
     records = folder / "records"
     for path in sorted(records.iterdir()) if records.is_dir() else []:
         words = path.stem.split(".")
-        # a name of a step has no dot; what follows one is the way in which a reference was followed
+        # a name of a step has no dot; a control mode may follow one
         aside = any(word.startswith(("partial-", "replaced-")) for word in words[1:])
         if words[0] != name or aside or path.suffix not in (".h5", ".stream"):
             continue
@@ -153,19 +153,19 @@ def clear_leftovers(folder: Path, name: str, before: tuple[str, ...]) -> tuple[s
             path.rename(target)
         else:
             target = _recovered(path)
-        kept.append(target.relative_to(folder).as_posix())
-    return tuple(kept)
+        partial.append(target.relative_to(folder).as_posix())
+    return tuple(partial)
 
 
 def _recovered(stream: Path) -> Path:
-    """Keep what a stream holds: as a record where it holds samples, else as it is."""
+    """Keep the samples of a stream as a record, or the stream itself where it has none."""
     from flexstage.instruments.recording.archive import archived
 
     target = _free(stream, "partial", ".h5")
     try:
         archived(stream, target)
     except RecordError:
-        # no two whole samples are in it, or another program writes it: it is kept as it is
+        # fewer than two complete samples, or another program writes it: the stream is kept
         target = _free(stream, "partial", ".stream")
         stream.rename(target)
         return target
@@ -174,8 +174,8 @@ def _recovered(stream: Path) -> Path:
 
 
 def _free(path: Path, word: str, suffix: str) -> Path:
-    """Return a name that is not taken."""
+    """Return an unused name."""
     k = 1
-    while (made := path.with_name(f"{path.stem}.{word}-{k}{suffix}")).exists():
+    while (candidate := path.with_name(f"{path.stem}.{word}-{k}{suffix}")).exists():
         k += 1
-    return made
+    return candidate

@@ -1,7 +1,4 @@
-"""What a verb of a plan is: what a step of it describes, refuses, shows, does and gives.
-
-And what the steps of a plan share, while it is looked at and while it is carried out.
-"""
+"""Base class of the steps of a plan, with their previews, results and shared context."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -31,12 +28,12 @@ _Rate = Annotated[Frequency, Range(low=0.0, high=1e7, above=True, below=True)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorEntry(SensorSpecification):
-    """A sensor of the instrument: which channel it is, and what is known of its errors."""
+    """A sensor of the instrument: its channel, and its errors."""
 
     channel: Annotated[int, Range(low=1)]
     """Number of the channel, from 1."""
     unit: Literal["m", "rad"] = "m"
-    """What it reads in."""
+    """Unit of its readings."""
 
     def __post_init__(self) -> None:
         SensorSpecification.__post_init__(self)
@@ -44,7 +41,7 @@ class SensorEntry(SensorSpecification):
 
     @property
     def instrument(self) -> SensorSpecification:
-        """The same without its channel."""
+        """The sensor without its channel."""
         return SensorSpecification(
             **{f.name: getattr(self, f.name) for f in fields(SensorSpecification)}
         )
@@ -52,15 +49,15 @@ class SensorEntry(SensorSpecification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Defaults:
-    """What holds for all steps that say nothing else."""
+    """Defaults of all steps."""
 
     sample_rate: _Rate = 1000.0
-    """Rate of samples of records [Hz]."""
+    """Sample rate of records [Hz]."""
     command_rate: _Rate = 1000.0
-    """Rate of samples of commands [Hz]; straight lines between them."""
+    """Sample rate of commands [Hz]; they are interpolated linearly."""
     lowest_frequency: _Rate | None = None
-    """Lowest natural frequency of the stage with its drives in place [Hz]; that of the lumped model
-    where not given.
+    """Lowest natural frequency of the stage with its drives in place [Hz] (default: that of the
+    lumped model).
     """
 
     def __post_init__(self) -> None:
@@ -68,7 +65,7 @@ class Defaults:
 
 
 class PlanLookup(Protocol):
-    """What a step looks up in the plan that it belongs to."""
+    """Parts of a plan that its steps use."""
 
     @property
     def stage(self) -> str:
@@ -82,12 +79,12 @@ class PlanLookup(Protocol):
 
     @property
     def defaults(self) -> Defaults:
-        """What holds for all steps."""
+        """Defaults of all steps."""
         ...
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks that belong to every figure."""
+        """Remarks on all figures."""
         ...
 
     def sensor(self, name: str) -> SensorEntry:
@@ -95,16 +92,16 @@ class PlanLookup(Protocol):
         ...
 
     def action_of(self, name: str) -> "Verb":
-        """Return what a step does; refused where there is none."""
+        """Return the action of a step; refused where there is none."""
         ...
 
     def axis_of(self, name: str) -> str:
-        """Return the axis that a step is about; both, such as ``xy``, where it is about two."""
+        """Return the axis of a step; both, such as ``xy``, for two axes."""
         ...
 
 
 class ResultLookup(Protocol):
-    """What a step looks up in the result of its plan, where it shows its own."""
+    """Parts of the result of a plan that the report of a step uses."""
 
     @property
     def stage(self) -> "Stage":
@@ -112,7 +109,7 @@ class ResultLookup(Protocol):
         ...
 
     def relative(self, file: Path) -> str:
-        """Return the name of a file from the folder of the run."""
+        """Return the name of a file, relative to the folder of the run."""
         ...
 
     def plain_figure(self, figure: "MeasuredCharacteristic") -> dict[str, Any]:
@@ -122,7 +119,7 @@ class ResultLookup(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedMotion:
-    """What one axis would be told."""
+    """Planned motion of one axis."""
 
     axis: str
     """The axis."""
@@ -135,79 +132,79 @@ class PlannedMotion:
     largest_rate: float
     """Largest slope [V/s or m/s]."""
     limits: tuple[float, float]
-    """Lowest and highest value that is allowed [V or m]."""
+    """Lowest and highest allowed value [V or m]."""
     rate_limit: float | None
-    """Largest slope that is allowed [V/s or m/s]."""
+    """Largest allowed slope [V/s or m/s]."""
     estimated: bool
-    """Whether the limits are only estimated, and an instrument will tell them."""
+    """Whether the limits are only estimated; those of an instrument may be narrower."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedStep:
-    """What one step would do."""
+    """Preview of a step."""
 
     name: str
     """Name of the step."""
     verb: str
     """Its verb."""
     what: str
-    """What it does, in words."""
+    """Description."""
     duration: float = 0.0
-    """How long the stage moves or is recorded [s]; 0 of a step that only computes."""
+    """Time of motion and recording [s]; 0 for a step that only computes."""
     command_duration: float = 0.0
-    """How long a command that is made here will take [s]."""
+    """Duration of the command that the step designs [s]."""
     samples: int = 0
-    """Samples of the command."""
+    """Number of samples of the command."""
     signals: int = 0
-    """Number of signals that are recorded."""
+    """Number of recorded signals."""
     motions: tuple[PlannedMotion, ...] = ()
-    """What each axis would be told."""
+    """Planned motion of each axis."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Notes for the report."""
     problem: str = ""
-    """Why it cannot be carried out; empty where it can."""
+    """Reason why the step cannot be carried out; empty where it can."""
 
 
 @dataclass(slots=True, kw_only=True)
 class PlanContext:
-    """What the steps of a plan share while it is looked at, without an instrument."""
+    """Context that the steps of a plan share in a dry run, without an instrument."""
 
     plan: PlanLookup
     """The plan."""
     stage: "Stage"
     """The stage."""
     base_rate_hz: float
-    """Highest rate of samples of a command [Hz]."""
+    """Highest sample rate of a command [Hz]."""
     frequency: float | None = None
-    """Lowest natural frequency that commands keep clear of [Hz]."""
+    """Lowest natural frequency, which commands must not excite [Hz]."""
     planned: dict[str, PlannedStep] = field(default_factory=dict)
-    """What the steps before would do, by name."""
+    """Previews of the earlier steps, by name."""
 
     def limits(self, axis: str) -> AxisLimits | None:
-        """Return what the instrument allows an axis; None where there is none to ask."""
+        """Return the instrument's limits of an axis; None without an instrument."""
         del axis
         return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verb:
-    """What a step does.
+    """Base class of the steps of a plan.
 
-    A new verb is a subclass in a file of its own, and a line in `flexstage.experiments.verbs`.
+    A new verb is a subclass in its own file, and a line in `flexstage.experiments.verbs`.
     """
 
     verb: ClassVar[str]
-    """The word for it in a plan file."""
+    """The verb in a plan file."""
     uses: ClassVar[tuple[str, ...]] = ()
     """Verbs of the steps that it can use."""
     moving: ClassVar[bool] = False
-    """Whether the stage moves: then its result depends on instrument and sensors too."""
+    """Whether the stage moves; then its result depends on instrument and sensors too."""
     needs_frequency: ClassVar[bool] = False
-    """Whether its command keeps clear of the lowest natural frequency."""
+    """Whether its command needs the lowest natural frequency, which it must not excite."""
     response: ClassVar[str] = "auto"
-    """What its command excites a response with, as `campaign.plan.EXCITATIONS` has it."""
-    corners: ClassVar[bool] = False
-    """Whether both axes rest at the corners of the workspace in its command."""
+    """Excitation of a frequency response by its command, one of `campaign.plan.EXCITATIONS`."""
+    visits_corners: ClassVar[bool] = False
+    """Whether its command dwells at the corners of the workspace."""
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -215,17 +212,17 @@ class Verb:
         return ()
 
     @property
-    def struck(self) -> bool:
-        """Whether the stage is struck by a hammer, its drives taken out."""
+    def by_hammer(self) -> bool:
+        """Whether a hammer excites the stage, with its drives removed."""
         return self.response == "hammer"
 
     @property
     def motion_cycles(self) -> int | None:
-        """Equal cycles in its command; None where they are not counted."""
+        """Number of equal cycles in its command; None where there are none."""
         return None
 
     def axis_of(self, plan: PlanLookup) -> str:
-        """Return the axis that it is about; both, such as ``xy``, where it is about two."""
+        """Return its axis; both, such as ``xy``, for two axes."""
         return plan.axis_of(self.needs[0])
 
     def reads(self, before: "Mapping[str, Verb]") -> tuple[str, ...]:
@@ -234,61 +231,62 @@ class Verb:
         return ()
 
     def problems(
-        self, name: str, before: "Mapping[str, Verb]", known: Sequence[str]
+        self, name: str, before: "Mapping[str, Verb]", sensors: Sequence[str]
     ) -> Iterator[str]:
-        """Say what it uses that is not there, given the steps before it and all sensors."""
+        """Yield messages about missing steps and sensors, given the steps before it."""
         for other in self.needs:
             if other not in before:
                 listed = ", ".join(before) or "none"
                 yield (
-                    f"step '{name}' uses '{other}', which is no earlier step (there are: {listed})"
+                    f"step '{name}' uses '{other}', which is not an earlier step (earlier steps: "
+                    f"{listed})"
                 )
                 return
-            if said := self.refused(name, other, before[other]):
-                yield said
+            if message := self.refused(name, other, before[other]):
+                yield message
         for sensor in self.reads(before):
-            if sensor not in known:
-                listed = ", ".join(known) or "none"
+            if sensor not in sensors:
+                listed = ", ".join(sensors) or "none"
                 yield (
                     f"step '{name}' reads the sensor '{sensor}', which is not described "
-                    f"(there are: {listed}): list it under 'sensors'"
+                    f"(described: {listed}): list it under 'sensors'"
                 )
-        if said := self.missing(name, before):
-            yield said
+        if message := self.missing(name, before):
+            yield message
 
     def refused(self, name: str, other: str, used: "Verb") -> str:
-        """Say why it cannot use another step."""
+        """Return the reason why it cannot use another step, or an empty text."""
         if used.verb in self.uses:
             return ""
         return (
             f"step '{name}' of {self.verb} uses '{other}', which is a step of {used.verb}: name "
-            f"one of {' or '.join(self.uses)}"
+            f"a step of {' or '.join(self.uses)}"
         )
 
     def missing(self, name: str, before: "Mapping[str, Verb]") -> str:
-        """Say what it needs that the steps before it will not have given."""
+        """Return a message about data that the steps before it do not provide."""
         del name, before
         return ""
 
     def preview(self, context: PlanContext, name: str) -> PlannedStep:
-        """Say what it would do; what it refuses is an error."""
+        """Return its preview; raise an error where it cannot be carried out."""
         del context
         return PlannedStep(name=name, verb=self.verb, what=f"of {', '.join(self.needs)}")
 
     def depends_on(self, plan: PlanLookup) -> tuple[object, ...]:
-        """Return parts of the plan, apart from itself and its defaults, that its result is of."""
+        """Return further parts of the plan, besides itself and the defaults, that it depends on."""
         del plan
         return ()
 
     def run(self, context: "RunContext", name: str) -> list[Path]:
-        """Do it, and return the files that it wrote."""
+        """Carry it out, and return the files that it wrote."""
         del context, name
         return []
 
     def result(
         self, context: "RunContext", name: str, files: list[Path], *, now: bool
     ) -> "StepResult":
-        """Return what it gave, from the files that it wrote now or in an earlier run."""
+        """Return its result, from the files that it wrote now or in an earlier run."""
         raise NotImplementedError
 
     @staticmethod
@@ -300,44 +298,44 @@ class Verb:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StepResult:
-    """What a step gave."""
+    """Result of a step."""
 
     name: str
     """Name of the step."""
 
     @property
     def figures(self) -> "tuple[MeasuredCharacteristic, ...]":
-        """What it measured of the stage."""
+        """Measured figures of the stage."""
         return ()
 
     @property
     def tests(self) -> "tuple[TestResult, ...]":
-        """Tests that it evaluated."""
+        """Evaluated tests."""
         return ()
 
     @property
     def sources(self) -> Mapping[str, str]:
-        """SHA-256 of each record that it evaluated, by its name."""
+        """SHA-256 of each evaluated record, by its name."""
         return {}
 
     def plain(self, result: ResultLookup) -> dict[str, Any]:
-        """Return what ``results.json`` keeps of it beside its name and verb."""
+        """Return its entry in ``results.json``, without name and verb."""
         raise NotImplementedError
 
     @property
     def line(self) -> str:
-        """What a terminal says of it beside its figures."""
+        """Line for a terminal, below the figures."""
         return ""
 
     @property
     def table(self) -> "Table | None":
-        """What a terminal shows of it beside its figures."""
+        """Table for a terminal, below the figures."""
         return None
 
     def model_entry(
         self, context: "RunContext", stage: "StageEntry", runs: Mapping[str, str]
     ) -> "ModelEntry | None":
-        """Return what the catalogue keeps of a model; `runs` are identifiers of records by file."""
+        """Return the catalogue entry of a model; `runs` are identifiers of records by file."""
         del context, stage, runs
         return None
 
@@ -347,18 +345,18 @@ _Result = TypeVar("_Result", bound=StepResult)
 
 @dataclass(slots=True, kw_only=True)
 class RunContext(PlanContext):
-    """A plan that is being carried out: the one thing here that changes."""
+    """Context of a plan that is being carried out; it is mutable."""
 
     instrument: Instrument
     """The instrument."""
     folder: Path
-    """Where everything is written."""
+    """Folder of the run."""
     run: RunMetadata
-    """What is known at its start: stage, instrument and its settings, plan, operator."""
+    """Metadata at the start: stage, instrument and its settings, plan, operator."""
     results: dict[str, StepResult] = field(default_factory=dict)
-    """What the steps gave so far, by name."""
+    """Results of the steps so far, by name."""
     commands: dict[str, Command] = field(default_factory=dict)
-    """Commands that are ready to run, by the step that made them."""
+    """Designed commands, by their step."""
 
     @property
     def origin(self) -> Literal["measured", "virtual"]:
@@ -366,28 +364,28 @@ class RunContext(PlanContext):
         return "virtual" if self.instrument.identity.simulated else "measured"
 
     def limits(self, axis: str) -> AxisLimits | None:
-        own = self.instrument.axes.get(axis)
-        return None if own is None else own.limits
+        mover = self.instrument.axes.get(axis)
+        return None if mover is None else mover.limits
 
     def result_of(self, name: str, kind: type[_Result]) -> _Result:
-        """Return what an earlier step gave, of the kind that the plan has made sure of."""
+        """Return the result of an earlier step; the plan has ensured its kind."""
         result = self.results[name]
         assert isinstance(result, kind)
         return result
 
     def signal(self, sensor: str) -> Signal:
         """Return the signal of a sensor of the plan."""
-        own = self.plan.sensor(sensor)
-        return Signal(kind="channel", source=str(own.channel), name=sensor, unit=own.unit)
+        entry = self.plan.sensor(sensor)
+        return Signal(kind="channel", source=str(entry.channel), name=sensor, unit=entry.unit)
 
     def metadata(self, step: str, kind: str, axis: str) -> RunMetadata:
-        """Return what is written at the head of a record."""
+        """Return the metadata of a record."""
         settings = dict(self.instrument.settings())
         return replace(self.run, settings=settings, kind=kind, axis=axis, step=step)
 
 
 def base_rate_of(instrument: Instrument) -> float:
-    """Return the highest rate of samples of a command [Hz]."""
+    """Return the highest sample rate of a command [Hz]."""
     if Capability.WAVE_GENERATOR in instrument.capabilities:
         return instrument.waves.base_rate_hz
     return BASE_RATE_HZ

@@ -1,4 +1,4 @@
-"""A campaign carried out on a virtual stage: its tests, and the records that they give."""
+"""A campaign on a virtual stage: tests with their records."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -18,11 +18,11 @@ class VirtualCampaign:
     """Tests of a virtual stage, with their records."""
 
     built: AsBuilt
-    """The stage, and what it truly does."""
+    """The stage with its true properties."""
     campaign: Campaign
     """The tests."""
     records: Mapping[str, Record]
-    """Records by the names that the tests call them."""
+    """Records, by their names in the tests."""
 
     def evaluated(self) -> Characterisation:
         """Evaluate all tests."""
@@ -43,11 +43,11 @@ def virtual_campaign(
     built : AsBuilt
         The stage.
     laboratory : Laboratory, optional
-        What it is measured with.
+        Sensors and methods of the measurements.
     seed : int
-        Seed of everything that a measurement adds.
+        Random seed of the measurements.
     bench : HammerBench, optional
-        That of the stage, where many campaigns share it.
+        Hammer bench of the stage, where campaigns share it.
 
     Returns
     -------
@@ -58,8 +58,8 @@ def virtual_campaign(
     --------
     >>> from flexstage.stage.designs import design
     >>> from flexstage.virtual.as_built import as_built
-    >>> made = virtual_campaign(as_built(design("vgtu-piezo"), seed=1))
-    >>> print(", ".join(test.name for test in made.campaign.tests[:3]))
+    >>> measured = virtual_campaign(as_built(design("vgtu-piezo"), seed=1))
+    >>> print(", ".join(test.name for test in measured.campaign.tests[:3]))
     motion-x, staircase-x, hold-x
     """
     lab = laboratory or Laboratory()
@@ -68,39 +68,45 @@ def virtual_campaign(
     records = {}
     for test in campaign.tests:
         if test.test == "response":
-            made = hammer.record(test.axis, seed=seed)
+            record = hammer.record(test.axis, seed=seed)
         else:
-            made = record_of(test.test, built, lab, test.axis, seed=seed)
-        records[test.records[0]] = made
+            record = record_of(test.test, built, lab, test.axis, seed=seed)
+        records[test.records[0]] = record
     return VirtualCampaign(built=built, campaign=campaign, records=records)
 
 
 def _description(built: AsBuilt, lab: Laboratory) -> Campaign:
-    """What is measured of a virtual stage.
+    """Return the tests of a virtual stage.
 
-    An axis with a piezo stack is read by sensors in all six motions while it runs in cycles; any
-    other by spheres that a measuring machine probes at stations.
+    Sensors read an axis with a piezo stack in all six motions during cycles. Any other axis is
+    measured by spheres that a coordinate measuring machine probes at stations.
     """
     names = [axis.name for axis in built.axes]
-    found = modes(built.system, drives="removed").frequency_hz
-    own = [float(found[axis.mode]) for axis in built.axes]
+    frequencies = modes(built.system, drives="removed").frequency_hz
+    of_axes = [float(frequencies[axis.mode]) for axis in built.axes]
     outputs = tuple(f"acceleration {name}" for name in names)
     tests: list[Test] = []
     for axis in built.axes:
         if axis.hysteresis is not None:
             columns = replace(Columns(command="command", along="along"), **{m: m for m in MOTIONS})
-            moved = _test("motion", axis.name, columns)
-            moved = replace(moved, transverse="transverse", angle="angle")
+            motion = _test("motion", axis.name, columns)
+            motion = replace(motion, transverse="transverse", angle="angle")
         else:
-            moved = _test("spheres", axis.name, Columns(command="command", spheres=SPHERES))
+            motion = _test("spheres", axis.name, Columns(command="command", spheres=SPHERES))
         stairs = _test("staircase", axis.name, Columns(command="command", along="along"))
-        struck = _test("response", axis.name, Columns(input="force", output=outputs))
+        impact = _test("response", axis.name, Columns(input="force", output=outputs))
         tests += [
-            moved,
+            motion,
             replace(stairs, smallest_steps=axis.smallest_step is not None),
-            _test("hold", axis.name, Columns(along="along")),
-            # in a band about the modes of the axes
-            replace(struck, along=None, excitation="hammer", band=(0.6 * min(own), 1.5 * max(own))),
+            _test(
+                "hold", axis.name, Columns(along="along")
+            ),  # in a band about the modes of the axes
+            replace(
+                impact,
+                along=None,
+                excitation="hammer",
+                band=(0.6 * min(of_axes), 1.5 * max(of_axes)),
+            ),
         ]
     if len(names) == 2:
         corners = Columns(corner="corner", x=names[0], y=names[1])
@@ -119,7 +125,7 @@ def _description(built: AsBuilt, lab: Laboratory) -> Campaign:
             for name, sensor in sensors.items()
         ),
         tests=tuple(tests),
-        notes=("virtual measurement: simulated, not measured", *built.notes),
+        notes=("virtual measurement: simulated data, not measured", *built.notes),
     )
 
 

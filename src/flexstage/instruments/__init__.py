@@ -1,4 +1,4 @@
-"""The stage as a device: controllers, acquisition, the twin, and what keeps them safe."""
+"""Instruments: controllers, acquisition cards, the twin, safety, recording and catalogue."""
 
 from typing import TYPE_CHECKING
 

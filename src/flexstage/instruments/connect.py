@@ -1,4 +1,4 @@
-"""An instrument by its address: how an address is read, and who opens what it names."""
+"""Addresses of instruments, and the drivers that connect to them."""
 
 import math
 from collections.abc import Mapping
@@ -13,20 +13,20 @@ from flexstage.stage import Stage
 
 
 class Driver(NamedTuple):
-    """What makes an instrument of an address."""
+    """Driver of the instruments of a scheme of addresses."""
 
     form: str
-    """An address, as an example."""
+    """Example of an address."""
     module: str
-    """Where it is; imported when it is first used."""
+    """Its module; imported on first use."""
     function: str
-    """Takes the address and the stage, and `axes` and `timeout` as `connect` has them."""
+    """Its function of address and stage, and of `axes` and `timeout` as for `connect`."""
     needs_stage: bool = True
-    """Whether the address alone does not say which stage is there."""
+    """Whether it needs the stage in addition to the address."""
 
 
 _HERE = "flexstage.instruments"
-#: Drivers by the scheme of their addresses: a new one is a line here.
+#: Drivers by the scheme of their addresses; a new driver is a line here.
 DRIVERS = {
     "gcs": Driver("gcs://HOST:PORT", f"{_HERE}.pi.controller", "open_network"),
     "serial": Driver("serial:///dev/ttyUSB0?baud=115200", f"{_HERE}.pi.controller", "open_serial"),
@@ -46,21 +46,21 @@ def connect(
     axes: Mapping[str, str] | None = None,
     timeout: float | None = None,
 ) -> Instrument:
-    """Connect to an instrument; nothing moves and nothing is switched by it.
+    """Connect to an instrument; this neither moves the stage nor switches anything.
 
     The address is ``gcs://HOST:PORT`` for a controller in the network or `flexstage twin`,
     ``serial:///dev/ttyUSB0?baud=115200`` or ``serial://COM3`` for one at a serial port,
     ``twin://NAME?seed=3&model=lumped`` for a simulated one in this process, ``ni://Dev1`` for an
-    acquisition card (`open_address`); or it is an object of your own with `send` and `read`.
+    acquisition card (`open_address`); or an object of your own with `send` and `read`.
 
-    The stage is the one that is connected; the built-in design of the name in a ``twin://`` address
-    where not given. `axes` names the controller's axis by the name of the stage's; they are taken
-    in their order where not given. `timeout` is the longest silence of a controller [s]. Close the
-    instrument when done.
+    `stage` is the connected stage, by default the built-in design in a ``twin://`` address. `axes`
+    are the axes of the controller by the names of the stage's axes, by default in their order.
+    `timeout` is the longest time without an answer of the controller [s]. Close the instrument
+    after use.
 
     Options of a simulated controller: ``seed``, ``model`` (lumped or superelement), ``servo_rate``
     of its loop [Hz], ``amplifier`` (voltage or charge), ``scatter``, ``quiet``, ``serial_number``,
-    and ``fast``: 1, the default, lets its time pass with the commands, 0 in step with real time.
+    and ``fast``: 1, the default, to advance its time by commands, 0 for real time.
 
     Examples
     --------
@@ -75,19 +75,19 @@ def connect(
         except ValueError:
             scheme = ""
         if scheme not in DRIVERS:
-            raise ModelError(f"'{address}' is not the address of an instrument: write {_forms()}")
+            raise ModelError(f"'{address}' is not an address of an instrument: write {_forms()}")
         driver, where = DRIVERS[scheme], address
     else:
         driver, where = _GATEWAY, _GATEWAY.form
     if stage is None and driver.needs_stage:
-        raise ModelError(f"connecting to {where} needs the stage that is mounted there: give it")
+        raise ModelError(f"connecting to {where} needs the stage that is mounted there: name it")
     if driver is _GATEWAY:
         from flexstage.instruments.transport import is_gateway
 
         if not is_gateway(address):
             raise ModelError(
-                f"an instrument is given by its address ({_forms()}) or by an object with the "
-                f"methods send(text) and read(), got a {type(address).__name__}"
+                f"an instrument is an address ({_forms()}) or an object with the methods "
+                f"send(text) and read(), got a {type(address).__name__}"
             )
     opened = getattr(import_module(driver.module), driver.function)
     return opened(address, stage, axes=axes, timeout=timeout)
@@ -104,17 +104,17 @@ _YES_OR_NO = {"1": True, "yes": True, "true": True, "0": False, "no": False, "fa
 def options_of(
     address: str, parts: SplitResult, known: tuple[str, ...] | None = None
 ) -> dict[str, str]:
-    """Return the options of an address; refuse those that its kind has not, and doubled ones.
+    """Return the options of an address; refuse unknown and repeated ones.
 
-    Of a kind whose options have names of the user's own none are `known`, and all are taken.
+    All options are accepted where none are `known`, for addresses with user-defined names.
     """
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     for key, _ in pairs:
         if known is not None and key not in known:
-            there = f"are {', '.join(known)}" if known else "is none for this kind of address"
-            raise ModelError(f"'{address}' has the option '{key}', and there {there}")
+            allowed = f"options: {', '.join(known)}" if known else "this address has no options"
+            raise ModelError(f"'{address}' has the unknown option '{key}' ({allowed})")
     if len(dict(pairs)) < len(pairs):
-        raise ModelError(f"'{address}' names an option twice: leave one out")
+        raise ModelError(f"'{address}' has an option twice: remove one")
     return dict(pairs)
 
 
@@ -125,13 +125,13 @@ def whole_number(options: Mapping[str, str], key: str, usual: int, address: str)
         return usual
     with suppress(ValueError, OverflowError):
         value = int(text)
-        if 0.0 <= float(value) < math.inf:  # one of hundreds of digits is none
+        if 0.0 <= float(value) < math.inf:  # a number with hundreds of digits is refused
             return value
     raise ModelError(f"'{key}' of '{address}' must be a whole number from 0, got '{text}'")
 
 
 def flag(options: Mapping[str, str], key: str, usual: bool, address: str) -> bool:
-    """Return an option that is 1 or 0."""
+    """Return a switch, an option that is 1 or 0."""
     text = options.get(key)
     if text is None:
         return usual
@@ -141,9 +141,9 @@ def flag(options: Mapping[str, str], key: str, usual: bool, address: str) -> boo
 
 
 def longest_silence(timeout: float | None, usual: float = 2.0) -> float:
-    """Return a time after which an answer is given up [s]."""
+    """Return the longest time without an answer [s]."""
     if timeout is None:
         return usual
     if not 0.0 < timeout < float("inf"):
-        raise ModelError(f"the time-out must be positive and finite, got {timeout!r} s")
+        raise ModelError(f"the timeout must be positive and finite, got {timeout!r} s")
     return timeout

@@ -1,4 +1,4 @@
-"""Whatever ends a run, the stage is stopped first: errors, Ctrl-C, a kill, a run that hangs."""
+"""A guard that stops the stage however a run ends: error, Ctrl-C, signal or timeout."""
 
 import _thread
 import signal
@@ -13,14 +13,14 @@ from flexstage.base.errors import ControllerError
 from flexstage.instruments.protocol import Instrument
 from flexstage.instruments.ramp import to_safe
 
-#: Signals that end a run: Ctrl-C, a polite kill, a terminal that is closed.
+#: Signals that end a run: Ctrl-C, termination, a closed terminal.
 _ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 
 
 class Guard:
-    """Watches over an instrument while a block runs; made by `guarded`."""
+    """Guard of an instrument while a block runs; created by `guarded`."""
 
     def __init__(
         self, instrument: Instrument, *, lead_to_safe: bool = True, timeout: float | None = None
@@ -28,10 +28,10 @@ class Guard:
         self._instrument = instrument
         self._lead_to_safe = lead_to_safe
         self._timeout = timeout
-        self._lock = threading.RLock()  # waking the thread of the block, and that it has gone
+        self._lock = threading.RLock()  # for waking the thread of the block, and for its end
         self._thread = 0
         self._awake = False  # the block runs
-        self._leaving = False  # the stage is being stopped, and no signal may come between
+        self._leaving = False  # the stage is being stopped, and signals must not interrupt this
         self._reason: str | None = None
         self._handlers: dict[int, Any] = {}
         self._timer: threading.Timer | None = None
@@ -44,14 +44,14 @@ class Guard:
         if threading.current_thread() is threading.main_thread():
             for number in _ENDING:
                 before = signal.getsignal(number)
-                # What the surroundings ignore (nohup) or handle outside Python stays so.
+                # Signals that are ignored (nohup) or handled outside Python are not changed.
                 if before is None or (before is signal.SIG_IGN and number != signal.SIGINT):
                     continue
                 self._handlers[number] = before
                 signal.signal(number, self._handle)
         with self._lock:
             self._awake = True
-        if self._reason is not None:  # stopped before it began
+        if self._reason is not None:  # stopped before the block started
             self._restore()
             raise ControllerError(self._reason)
         if self._timeout is not None:
@@ -70,8 +70,8 @@ class Guard:
                 raise ControllerError(self._reason)
             self._settle(error)
         except BaseException as interruption:
-            # A signal came before `_leaving` was set, and there is no second; or the block was
-            # stopped from another thread, and nothing has told it so until now.
+            # A signal came before `_leaving` was set, and no further one can come; or another
+            # thread stopped the block, and the block has not noticed it yet.
             self._settle(error if error is not None else interruption)
             if error is None:
                 raise
@@ -79,25 +79,25 @@ class Guard:
             self._restore()
 
     def allow(self, seconds: float) -> None:
-        """Let the block run that much longer from now on, in real time [s], and no longer."""
+        """Set the remaining time of the block, from now on, in real time [s]."""
         if self._timer is not None:
             self._timer.cancel()
         self._timer = threading.Timer(
-            seconds, self._end, [f"the run took longer than the {seconds:g} s it was given"]
+            seconds, self._end, [f"the run exceeded its time limit of {seconds:g} s"]
         )
         self._timer.daemon = True
         self._timer.start()
 
     def stop(self, reason: str = "the run was stopped") -> None:
-        """Stop the stage now and end the block with the reason, from any thread."""
+        """Stop the stage immediately and end the block with a reason, from any thread."""
         self._end(reason)
 
     def check(self) -> None:
-        """End the block here if it was stopped: for blocks that run beside the main thread."""
+        """End the block here if it was stopped, for blocks outside the main thread."""
         if self._reason is not None and not self._leaving:
             raise ControllerError(self._reason)
 
-    # what ends it -----------------------------------------------------------------------------
+    # the end of the block ---------------------------------------------------------------------
 
     def _end(self, reason: str) -> None:
         if self._reason is None:
@@ -109,7 +109,7 @@ class Guard:
             if threading.get_ident() == self._thread:
                 raise ControllerError(self._reason)
             if signal.SIGINT in self._handlers:
-                # The thread of the block is woken even where it waits for an answer.
+                # This wakes the thread of the block even while it waits for an answer.
                 if hasattr(signal, "pthread_kill"):
                     signal.pthread_kill(self._thread, signal.SIGINT)
                 else:
@@ -122,7 +122,7 @@ class Guard:
         if self._reason is None and self._handlers.get(number) is signal.SIG_IGN:
             return
         self._leaving = True
-        # Not from here: what was interrupted may hold what sending needs.
+        # In another thread, since the interrupted code may hold a lock that sending needs.
         self._stopping = threading.Thread(target=self._instrument.stop, daemon=True)
         self._stopping.start()
         if self._reason is not None:
@@ -137,11 +137,11 @@ class Guard:
             return
         with _noted(error, "the stage could not be stopped"):
             self._instrument.stop()
-        # A stop that comes late would halt the ramp.
+        # A late stop would halt the ramp.
         if self._stopping is not None:
             self._stopping.join(timeout=5.0)
         if self._lead_to_safe:
-            with _noted(error, "the drives could not be led to their safe voltages"):
+            with _noted(error, "the drives could not be ramped to their safe voltages"):
                 to_safe(self._instrument)
 
     def _restore(self) -> None:
@@ -157,27 +157,27 @@ class Guard:
 def guarded(
     instrument: Instrument, *, lead_to_safe: bool = True, timeout: float | None = None
 ) -> Guard:
-    """Stop an instrument whenever a block does not end as it should.
+    """Stop an instrument whenever a block does not end normally.
 
-    On an error, Ctrl-C, SIGTERM, SIGHUP, a lost link, or after too long a time the instrument is
-    stopped at once; then its drives are led to their safe voltages where the link still allows it.
-    A second Ctrl-C does not come between. The error that ended the block is the one that is
-    raised, with a note of what went wrong after it. SIGTERM and SIGHUP end the program with
-    status 128 + their number.
+    On an error, Ctrl-C, SIGTERM, SIGHUP, a lost connection or a timeout the guard stops the
+    instrument immediately. It then ramps the drives to their safe voltages, if the connection still
+    permits this. A second Ctrl-C does not interrupt the stop. The guard raises the error that ended
+    the block, with notes on problems after it. SIGTERM and SIGHUP end the program with status 128 +
+    their number.
 
-    With `timeout` the block may take that long, in real time [s]; without, it may run without end.
+    `timeout` is the longest time of the block, in real time [s]; None for no limit.
 
-    Validity: signals come to the main thread of a program only; a block in another thread is ended
-    by `Guard.check`. A time-out ends what Python waits for, and not a library that does not return.
-    A block that ends well leaves the stage as it is.
+    Validity: only the main thread of a program receives signals; `Guard.check` ends a block in
+    another thread. A timeout interrupts Python code, but not a library call that does not return.
+    After a normal end of the block the stage stays as it is.
     """
     return Guard(instrument, lead_to_safe=lead_to_safe, timeout=timeout)
 
 
 @contextmanager
 def _noted(error: BaseException, what: str) -> Iterator[None]:
-    """Let no trouble of cleaning up hide the error that it cleans up after."""
+    """Add a problem of the clean-up to the error as a note, so that it does not replace it."""
     try:
         yield
-    except Exception as trouble:  # noqa: BLE001 - told with the error
+    except Exception as trouble:  # noqa: BLE001 - reported with the error
         error.add_note(f"{what}: {trouble}")

@@ -1,7 +1,7 @@
-"""What may be commanded of a stage, by its own description, looked at before any command leaves.
+"""Checks of commands against the limits of a stage, before any command is sent.
 
-Values, slopes, and jumps of whole waveforms are checked. Rounding is forgiven: a value may pass the
-end of a range by a billionth of the range, and a slope its limit by a billionth of itself.
+The checks cover values, slopes and steps of complete waveforms. For rounding, a value may exceed
+its range by 1e-9 of the range, and a slope its limit by 1e-9 of the limit.
 """
 
 import math
@@ -18,7 +18,7 @@ _ROUNDING = 1e-9
 
 
 def check_position(limits: AxisLimits, value: float, axis: str) -> None:
-    """Refuse a position [m] that an axis must not be sent to; an unknown range forbids nothing.
+    """Refuse a position [m] outside the limits of an axis; an unknown range has no limits.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def check_position(limits: AxisLimits, value: float, axis: str) -> None:
 
 
 def check_voltage(limits: AxisLimits, value: float, axis: str) -> None:
-    """Refuse a voltage [V] that a drive must not get, or that is for a drive without voltage.
+    """Refuse a voltage [V] outside the limits of a drive, or for a drive without voltage.
 
     Examples
     --------
@@ -48,14 +48,14 @@ def check_waveform(
     start: Mapping[str, float] | None = None,
     tolerance: float = 0.0,
 ) -> None:
-    """Refuse a waveform of which any sample, slope or jump is outside the limits of its axis.
+    """Refuse a waveform with a sample, slope or step outside the limits of its axis.
 
-    Every sample is compared with the range of the axis, every step between samples with its speed
-    or slew, and so are the step from the last sample to the first where the waveform is repeated,
-    and the one from where the axis stands to the first sample, which takes one sample's time. It
-    runs endlessly for 0 cycles. `start` says where axes stand now [m, or V], and is not looked at
-    for those that it does not name; `tolerance` is what may lie between there and the first sample
-    beside what speed or slew allows, such as the noise of a reading.
+    Every sample is compared with the range of the axis, and every step between samples with its
+    speed or slew. So are the step from the last sample to the first where the waveform is repeated,
+    and the step from the present value to the first sample, which takes one sample. 0 cycles
+    repeat the waveform endlessly. `start` is the present value by axis [m, or V]; axes without one
+    are not checked. `tolerance` is added to the allowed first step, such as for the noise of a
+    reading.
 
     Examples
     --------
@@ -64,26 +64,26 @@ def check_waveform(
     >>> check_waveform({"x": AxisLimits(voltage=(0.0, 120.0), slew=600.0)}, ramp)
     >>> check_waveform({"x": AxisLimits(voltage=(0.0, 120.0), slew=600.0)}, ramp, cycles=2)
     Traceback (most recent call last):
-    flexstage.base.errors.LimitError: axis 'x' would jump by -120 V from the last sample ...
+    flexstage.base.errors.LimitError: axis 'x' would step by -120 V from the last sample ...
     """
     if cycles < 0:
-        raise LimitError(f"a waveform runs a number of cycles from 0 (endlessly) up, got {cycles}")
+        raise LimitError(f"the number of cycles must be 0 (endless) or more, got {cycles}")
     quantity = waveform.quantity
-    for axis, given in waveform.values.items():
+    for axis, values in waveform.values.items():
         if axis not in limits:
             raise LimitError(
-                f"the waveform moves axis '{axis}', and the instrument has "
+                f"the waveform moves axis '{axis}', but the axes of the instrument are "
                 f"{', '.join(map(repr, limits)) or 'none'}: name one of these"
             )
-        own, v = limits[axis], np.asarray(given, dtype=np.float64)
+        allowed, v = limits[axis], np.asarray(values, dtype=np.float64)
         if quantity == "voltage":
-            _require_voltage(own, axis)
-        _check_samples(own, v, axis, waveform)
-        _check_slopes(own, v, axis, waveform)
+            _require_voltage(allowed, axis)
+        _check_samples(allowed, v, axis, waveform)
+        _check_slopes(allowed, v, axis, waveform)
         if cycles != 1:
-            _check_jump(own, float(v[0] - v[-1]), axis, waveform)
+            _check_repetition(allowed, float(v[0] - v[-1]), axis, waveform)
         if start is not None and axis in start:
-            _check_start(own, float(start[axis]), float(v[0]), axis, waveform, tolerance)
+            _check_start(allowed, float(start[axis]), float(v[0]), axis, waveform, tolerance)
 
 
 def range_of(limits: AxisLimits, quantity: Quantity) -> tuple[float, float] | None:
@@ -103,8 +103,8 @@ def _slack(bounds: tuple[float, float]) -> float:
 def _require_voltage(limits: AxisLimits, axis: str) -> None:
     if limits.voltage is None:
         raise LimitError(
-            f"axis '{axis}' takes no voltage, or its range is not known: command positions, or "
-            "give the voltage range of its drive in the stage file"
+            f"axis '{axis}' accepts no voltage, or its voltage range is unknown: command "
+            "positions, or give the voltage range of its drive in the stage file"
         )
 
 
@@ -130,10 +130,10 @@ def _check_samples(limits: AxisLimits, v: Array, axis: str, waveform: Waveform) 
     if outside.any():
         k = int(np.argmax(outside))
         raise LimitError(
-            f"axis '{axis}' would get {_text(float(v[k]), waveform.quantity)} at sample {k} "
+            f"axis '{axis}' would be sent to {_text(float(v[k]), waveform.quantity)} at sample {k} "
             f"({k / waveform.sample_rate_hz:g} s), and its limits are "
             f"{_span(bounds, waveform.quantity)} ({int(outside.sum())} of {v.size} samples are "
-            "outside): make the amplitude smaller or move the middle"
+            "outside): reduce the amplitude, or shift the mean"
         )
 
 
@@ -146,42 +146,47 @@ def _check_slopes(limits: AxisLimits, v: Array, axis: str, waveform: Waveform) -
     if fast.any():
         k, quantity = int(np.argmax(fast)), waveform.quantity
         raise LimitError(
-            f"axis '{axis}' would change by {_text(abs(float(slopes[k])), quantity)}/s after "
-            f"sample {k} ({k / waveform.sample_rate_hz:g} s), and {_text(rate, quantity)}/s is its "
-            f"limit; the fastest step has {_text(float(np.abs(slopes).max()), quantity)}/s: run it "
-            "slower or make the amplitude smaller"
+            f"axis '{axis}' would change at {_text(abs(float(slopes[k])), quantity)}/s after "
+            f"sample {k} ({k / waveform.sample_rate_hz:g} s), and its limit is "
+            f"{_text(rate, quantity)}/s; the largest slope is "
+            f"{_text(float(np.abs(slopes).max()), quantity)}/s: run it more slowly, or reduce the "
+            "amplitude"
         )
 
 
-def _check_jump(limits: AxisLimits, step: float, axis: str, waveform: Waveform) -> None:
+def _check_repetition(limits: AxisLimits, step: float, axis: str, waveform: Waveform) -> None:
     rate, quantity = rate_of(limits, waveform.quantity), waveform.quantity
     slope = abs(step) * waveform.sample_rate_hz
     if rate is not None and slope > rate * (1.0 + _ROUNDING):
         raise LimitError(
-            f"axis '{axis}' would jump by {_text(step, quantity)} from the last sample to the "
-            f"first when the waveform is repeated, at {_text(slope, quantity)}/s, and "
-            f"{_text(rate, quantity)}/s is its limit: let the waveform end where it begins, or run "
-            "it once"
+            f"axis '{axis}' would step by {_text(step, quantity)} from the last sample to the "
+            f"first when the waveform repeats, at {_text(slope, quantity)}/s, and its limit is "
+            f"{_text(rate, quantity)}/s: end the waveform at its first value, or run it once"
         )
 
 
 def _check_start(
-    limits: AxisLimits, stands: float, first: float, axis: str, waveform: Waveform, more: float
+    limits: AxisLimits,
+    present: float,
+    first: float,
+    axis: str,
+    waveform: Waveform,
+    tolerance: float,
 ) -> None:
     rate, quantity = rate_of(limits, waveform.quantity), waveform.quantity
-    if not math.isfinite(stands):
+    if not math.isfinite(present):
         raise LimitError(
-            f"the {quantity} of axis '{axis}' reads {stands}, so its distance from the first "
+            f"the {quantity} of axis '{axis}' reads {present}, so its distance from the first "
             "sample of the waveform is unknown: check its sensor and cable"
         )
     if rate is None:
         return
-    allowed = rate * (1.0 + _ROUNDING) / waveform.sample_rate_hz + more
-    if abs(first - stands) > allowed:
+    allowed = rate * (1.0 + _ROUNDING) / waveform.sample_rate_hz + tolerance
+    if abs(first - present) > allowed:
         raise LimitError(
-            f"axis '{axis}' is at {_text(stands, quantity)} and the waveform begins at "
-            f"{_text(first, quantity)}: at most {_text(allowed, quantity)} may lie between, so "
-            "move it there first"
+            f"axis '{axis}' is at {_text(present, quantity)} and the waveform starts at "
+            f"{_text(first, quantity)}, but the first step must not exceed "
+            f"{_text(allowed, quantity)}: move the axis there first"
         )
 
 

@@ -1,4 +1,4 @@
-"""One program at a time moves a stage: a lock by its serial number, which dies with the program."""
+"""Locks: one program at a time moves a stage. A lock ends with its program."""
 
 import hashlib
 import json
@@ -21,16 +21,16 @@ from flexstage.instruments.protocol import Instrument
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Holder:
-    """Who holds a stage."""
+    """The program that has locked a stage."""
 
     pid: int
-    """Number of the process."""
+    """Process identifier."""
     host: str
     """Name of the computer."""
     since: str
-    """Since when, UTC."""
+    """Date and time of the lock, UTC."""
     program: str
-    """What was started."""
+    """Command line of the program."""
 
 
 _NOTE = Format(noun="note of who holds a stage", error=ModelError, later=True, exact=True)
@@ -40,51 +40,51 @@ _NOTE = Format(noun="note of who holds a stage", error=ModelError, later=True, e
 def stage_lock(
     serial_number: str, *, directory: Path | None = None, timeout: float = 0.0
 ) -> Iterator[Path]:
-    """Hold a stage for this program alone.
+    """Lock a stage for this program.
 
-    Another program that holds it is given `timeout` to end [s]; `NotConnectedError` then says which
-    it is. The operating system releases the lock when the process ends, however it ends. What is
-    yielded is its file.
+    If another program has locked it, this waits for `timeout` [s]; `NotConnectedError` then names
+    the other program. The operating system releases the lock when the process ends, however it
+    ends. The context is the file of the lock.
 
-    Validity: programs of one user on one computer, or of all that share ``$FLEXSTAGE_STATE``, on a
-    disk that knows locks; another program that talks to the controller directly is not held off.
+    Validity: programs of one user on one computer, or all that share ``$FLEXSTAGE_STATE``, on a
+    file system with locks. The lock does not stop a program that controls the instrument directly.
     """
     lock_file, note = _files(serial_number, directory)
-    mend = "set FLEXSTAGE_STATE to a directory on a local disk that can be written"
-    other = "give the stage its own serial number if it is another one"
-    with _held(lock_file, note, f"stage '{serial_number}'", mend, other, timeout=timeout):
+    mend = "set FLEXSTAGE_STATE to a writable directory on a local disk"
+    other = "if this is another stage, give it its own serial number"
+    with _locked(lock_file, note, f"stage '{serial_number}'", mend, other, timeout=timeout):
         yield lock_file
 
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold the folder of a run for this program alone, as `stage_lock` holds a stage.
+    """Lock the folder of a run for this program, like `stage_lock` a stage.
 
     The lock is a hidden file in the folder.
     """
     lock_file = folder / ".lock"
-    mend = "choose a folder on a local disk that can be written"
+    mend = "choose a writable folder on a local disk"
     what = f"the run in '{folder}'"
-    with _held(lock_file, folder / ".lock.json", what, mend, "choose another folder"):
+    with _locked(lock_file, folder / ".lock.json", what, mend, "choose another folder"):
         yield
 
 
 @contextmanager
-def _held(
+def _locked(
     lock_file: Path, note: Path, what: str, mend: str, other: str, *, timeout: float = 0.0
 ) -> Iterator[None]:
     from filelock import FileLock, Timeout
 
     try:
         lock_file.parent.mkdir(parents=True, exist_ok=True)
-        # A lock belongs to the program and not to the thread that took it.
+        # The lock belongs to the program, not to the thread that acquired it.
         lock = FileLock(lock_file, thread_local=False)
         lock.acquire(timeout=timeout, poll_interval=0.02)
     except Timeout:
-        raise NotConnectedError(_taken(what, note, other)) from None
+        raise NotConnectedError(_in_use(what, note, other)) from None
     except (OSError, NotImplementedError) as error:
         raise ModelError(
-            f"the lock of {what} cannot be made in {lock_file.parent}: {error}; {mend}"
+            f"the lock of {what} cannot be created in {lock_file.parent}: {error}; {mend}"
         ) from error
     try:
         _write(note)
@@ -96,12 +96,12 @@ def _held(
 
 
 @contextmanager
-def instrument_lock(instrument: Instrument, name: str, *, held: str = "") -> Iterator[None]:
-    """Hold the stage at an instrument by its name; one that is simulated needs no lock.
+def instrument_lock(instrument: Instrument, name: str, *, locked_as: str = "") -> Iterator[None]:
+    """Lock the stage of an instrument by its name; a simulated one needs no lock.
 
-    Nothing is done where this program holds the stage already, under the name `held`.
+    Nothing is done where this program has already locked the stage, under the name `locked_as`.
     """
-    if instrument.identity.simulated or name == held:
+    if instrument.identity.simulated or name == locked_as:
         yield
         return
     with stage_lock(name):
@@ -109,15 +109,15 @@ def instrument_lock(instrument: Instrument, name: str, *, held: str = "") -> Ite
 
 
 def holder(serial_number: str, *, directory: Path | None = None) -> Holder | None:
-    """Return who holds a stage, or held it last and died."""
+    """Return the program that has locked a stage, or that locked it last and was killed."""
     return _read(_files(serial_number, directory)[1])
 
 
 def _files(serial_number: str, directory: Path | None) -> tuple[Path, Path]:
     if not serial_number.strip():
-        raise ModelError("a stage needs a serial number to be locked: give one in the plan")
+        raise ModelError("the lock of a stage needs a serial number: give one in the plan")
     name = re.sub(r"[^A-Za-z0-9.-]", "_", serial_number)[:60]
-    if name != serial_number:  # two serial numbers that look alike as file names stay apart
+    if name != serial_number:  # different serial numbers have different file names
         name += f"-{hashlib.sha256(serial_number.encode()).hexdigest()[:10]}"
     where = user_folder("state") / "locks" if directory is None else directory
     return where / f"stage-{name}.lock", where / f"stage-{name}.json"
@@ -131,7 +131,7 @@ def _write(note: Path) -> None:
         program=" ".join([Path(sys.argv[0] or sys.executable).name, *sys.argv[1:]])[:200],
     )
     part = note.with_suffix(f".{os.getpid()}.part")
-    # The lock is what counts: a full disk takes away only the name of its holder.
+    # The lock itself is sufficient: on a full disk only the name of its holder is missing.
     with suppress(OSError):
         part.write_text(json.dumps(asdict(me)), encoding="utf-8")
         part.replace(note)
@@ -143,11 +143,11 @@ def _read(note: Path) -> Holder | None:
     return None
 
 
-def _taken(what: str, note: Path, other: str) -> str:
-    who = _read(note)
-    by = (
-        "another program, which has not said its name"
-        if who is None
-        else f"'{who.program}' (process {who.pid} on {who.host}, since {who.since})"
+def _in_use(what: str, note: Path, other: str) -> str:
+    holder = _read(note)
+    program = (
+        "another program, whose name is unknown"
+        if holder is None
+        else f"'{holder.program}' (process {holder.pid} on {holder.host}, since {holder.since})"
     )
-    return f"{what} is in use by {by}: end that program first, or {other}"
+    return f"{what} is in use by {program}: end that program first, or {other}"

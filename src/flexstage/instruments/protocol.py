@@ -1,9 +1,9 @@
-"""What every instrument offers, whatever it is: axes, a recorder, a generator of waveforms.
+"""Interface of all instruments: axes, a recorder, a wave generator.
 
-A caller asks for what an instrument can do (`Capability`) and never for what it is. All values are
-SI: positions in m, voltages in V, times in s; the drivers convert at the wire. A driver derives its
-classes from `Instrument` and `MotionAxis`, and writes what its instrument can do; what is left out
-refuses with a sentence.
+Callers check what an instrument can do (`Capability`), never which instrument it is. All values are
+SI: positions in m, voltages in V, times in s; the drivers convert units. A driver derives its
+classes from `Instrument` and `MotionAxis`, and implements the methods that its instrument supports;
+the others raise an error with a message.
 """
 
 import math
@@ -23,53 +23,53 @@ from flexstage.system.servo import ServoSettings
 
 
 class Capability(StrEnum):
-    """Something that an instrument, or one of its axes, can do."""
+    """Capability of an instrument, or of one of its axes."""
 
     CLOSED_LOOP = "position control by a sensor"
     OPEN_LOOP = "command of the voltage"
     SERVO_TUNING = "setting of the position control that can be read and written"
     WAVE_GENERATOR = "waveform from a table"
-    FEEDFORWARD_TABLE = "a table of voltages beside the position control"
+    FEEDFORWARD_TABLE = "table of voltages that are added under position control"
     DATA_RECORDER = "record at the rate of the controller"
     CHANNELS = "further sensor that can be read and recorded"
-    IMPACT = "a blow of a hammer on the stage, its drives taken out"
+    IMPACT = "hammer impact on the stage with its drives removed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """What an instrument says it is."""
+    """Identity that an instrument reports."""
 
     vendor: str
-    """Who made it."""
+    """Manufacturer."""
     model: str
-    """What it is."""
+    """Model."""
     serial_number: str = ""
-    """Its serial number; empty where it tells none."""
+    """Serial number; empty where it reports none."""
     firmware: str = ""
     """Version of its firmware."""
     simulated: bool = False
-    """Whether it is a simulation, so that nothing measured with it is a measurement."""
+    """Whether it is a simulation, whose data are not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """Something that can be recorded."""
+    """A signal that can be recorded."""
 
     kind: str
-    """``position``, ``target``, ``voltage`` (of an axis, named by `source`), ``channel`` (a sensor,
-    whose number is `source`), ``force`` and ``response`` (of a blow).
+    """``position``, ``target``, ``voltage`` (of the axis `source`), ``channel`` (the sensor with
+    the number `source`), ``force`` and ``response`` (of a hammer impact).
     """
     source: str
     """The axis, or the number of the channel."""
     name: str
-    """What its column is called in the record."""
+    """Name of its column in the record."""
     unit: str = "m"
     """SI unit of the recorded values: ``m``, ``V``, ``rad``, ``N``, ``m/s^2``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelMap:
-    """Sensors of an instrument by what they read."""
+    """Channels of an instrument by the name of their sensor."""
 
     numbers: Mapping[str, int] = field(default_factory=dict)
     """Number of the channel by name."""
@@ -91,7 +91,7 @@ Quantity = Literal["voltage", "position"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Waveform:
-    """What axes are to follow.
+    """Command of one or more axes over time.
 
     Examples
     --------
@@ -104,14 +104,14 @@ class Waveform:
     values: Mapping[str, Array]
     """Samples by axis [V, or m], shape (n,), n at least 2."""
     sample_rate_hz: float
-    """Samples in a second [Hz]; straight lines between them."""
+    """Samples in a second [Hz]; linear interpolation between them."""
     quantity: Quantity
-    """Whether the values are voltages of the drives, or positions under control."""
+    """Quantity of the values: voltage of the drives, or position under control."""
 
     def __post_init__(self) -> None:
         if self.quantity not in ("voltage", "position"):
             raise ModelError(
-                f"a waveform is made of 'voltage' or 'position', got {self.quantity!r}"
+                f"the quantity of a waveform is 'voltage' or 'position', got {self.quantity!r}"
             )
         if not 0.0 < self.sample_rate_hz < float("inf"):
             raise ModelError(
@@ -120,8 +120,8 @@ class Waveform:
         sizes = {np.shape(v) for v in self.values.values()}
         if len(sizes) != 1 or len(next(iter(sizes))) != 1 or next(iter(sizes))[0] < 2:
             raise ModelError(
-                "a waveform needs one axis or more, each with the same number of samples, 2 at "
-                f"least, got {sorted(sizes) or 'none'}"
+                "a waveform needs at least one axis, each with the same number of samples, at "
+                f"least 2, got {sorted(sizes) or 'none'}"
             )
         for name, v in self.values.items():
             bad = np.flatnonzero(~np.isfinite(v))
@@ -138,13 +138,13 @@ class Waveform:
 
     @property
     def duration(self) -> float:
-        """Time that it takes [s], the step after the last sample included."""
+        """Duration [s], including the interval after the last sample."""
         return self.size / self.sample_rate_hz
 
     def largest_rate(self, axis: str, *, closed: bool = False) -> float:
         """Return the largest slope of an axis [V/s, or m/s].
 
-        Where the waveform is repeated (`closed`), the step from its end to its start counts.
+        For a repeated waveform (`closed`), this includes the step from its end to its start.
         """
         v = self.values[axis]
         steps = np.diff(np.append(v, v[0]) if closed else v)
@@ -156,50 +156,50 @@ class MotionAxis(Protocol):
     """One axis of an instrument."""
 
     name: str
-    """Its name, as the controller knows it."""
+    """Its name at the instrument."""
     capabilities: frozenset[Capability]
-    """What it can do."""
+    """Its capabilities."""
 
     @property
     def limits(self) -> AxisLimits:
-        """What may be commanded: the narrower of the stage's limits and the controller's."""
+        """Limits of commands: the narrower of those of the stage and of the controller."""
         ...
 
     @property
     def closed_loop(self) -> bool:
-        """Whether its position control is on; always, or never, where it has no other way."""
+        """Whether its position control is on; constant where it cannot be switched."""
         return Capability.OPEN_LOOP not in self.capabilities
 
     def set_closed_loop(self, on: bool) -> None:
-        """Switch its position control on or off; the stage stays where it is as far as it can."""
+        """Switch its position control on or off; the stage keeps its position if possible."""
         if on != self.closed_loop:
             raise not_able(self, Capability.CLOSED_LOOP if on else Capability.OPEN_LOOP)
 
     def position(self) -> float:
-        """Return what its sensor reads [m]."""
+        """Return the reading of its sensor [m]."""
         ...
 
     def voltage(self) -> float:
-        """Return the voltage at its drive [V]; not a number where nobody knows."""
+        """Return the voltage at its drive [V]; NaN where it is unknown."""
         return math.nan
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
-        """Move to a position [m]; the limits are checked before any command leaves."""
+        """Move to a position [m]; the limits are checked before any command is sent."""
         raise not_able(self, Capability.CLOSED_LOOP)
 
     def reference(self) -> None:
-        """Move to a switch where its positions do not count yet; nothing where they do."""
+        """Move to a reference switch if it is not referenced yet; otherwise do nothing."""
 
     def set_voltage(self, voltage: float) -> None:
-        """Set the voltage [V] in open loop, by a ramp where a step would pass the slew limit."""
+        """Set the voltage [V] in open loop, as a ramp if a step would exceed the slew limit."""
         raise not_able(self, Capability.OPEN_LOOP)
 
     def moving(self) -> bool:
-        """Say whether it moves."""
+        """Return whether it moves."""
         ...
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until it stands, and in closed loop is on target; stop it on time-out [s]."""
+        """Wait until it is at rest, and in closed loop on target; stop it on timeout [s]."""
         ...
 
     def servo(self) -> ServoSettings:
@@ -211,35 +211,35 @@ class MotionAxis(Protocol):
         raise not_able(self, Capability.SERVO_TUNING)
 
     def __repr__(self) -> str:
-        # what is known without a question: nothing is asked of a controller to show it
+        # known properties only: this sends no question to a controller
         able = sorted(c.name.lower().replace("_", " ") for c in self.capabilities)
         return f"<axis '{self.name}': {', '.join(able)}>"
 
 
 def not_able(axis: MotionAxis, capability: Capability) -> ModelError:
-    """Return the error of an axis that is asked for what it cannot do."""
+    """Return the error of an axis that lacks a capability."""
     return ModelError(
-        f"axis '{axis.name}' of this controller cannot do this: there is no {capability.value}"
+        f"axis '{axis.name}' of this controller does not support this: it has no {capability.value}"
     )
 
 
 @runtime_checkable
 class Recorder(Protocol):
-    """Records signals at a fixed rate."""
+    """Recorder of signals at a fixed rate."""
 
     base_rate_hz: float
-    """Highest rate of samples [Hz]; slower ones are whole parts of it."""
+    """Highest sample rate [Hz]; lower rates are integer fractions of it."""
     capacity: int
     """Largest number of samples of a signal."""
     signals: int
     """Largest number of signals at once."""
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        """Choose what to record and how much; return the rate that will be kept [Hz]."""
+        """Set signals, rate and number of samples; return the actual sample rate [Hz]."""
         ...
 
     def arm(self) -> None:
-        """Start with the next waveform, blow or `start`."""
+        """Start with the next waveform, impact or `start`."""
         ...
 
     def start(self) -> None:
@@ -247,7 +247,7 @@ class Recorder(Protocol):
         ...
 
     def available(self) -> int:
-        """Return the number of samples of each signal that are there."""
+        """Return the number of available samples of each signal."""
         ...
 
     def read(self, first: int, count: int) -> Record:
@@ -257,53 +257,53 @@ class Recorder(Protocol):
 
 @runtime_checkable
 class WaveGenerator(Protocol):
-    """Runs waveforms from tables, all axes in step."""
+    """Generator of waveforms from tables, synchronous for all axes."""
 
     base_rate_hz: float
-    """Highest rate of samples [Hz]; slower tables are joined by straight lines."""
+    """Highest sample rate [Hz]; slower tables are interpolated linearly."""
     capacity: int
     """Largest number of samples over all tables."""
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
-        """Check a waveform whole against the limits, then write it to the tables.
+        """Check the complete waveform against the limits, then write it to the tables.
 
-        The feedforward is of voltages, beside a waveform of positions.
+        Feedforward voltages can be added to a waveform of positions.
         """
         ...
 
     def start(self, cycles: int = 1) -> None:
-        """Run the waveform that was loaded; the axes must stand at its first sample.
+        """Run the loaded waveform; the axes must be at its first sample.
 
-        It runs endlessly for 0 cycles, where the instrument can.
+        0 cycles run it endlessly, where the instrument can.
         """
         ...
 
     def running(self) -> bool:
-        """Say whether a waveform runs."""
+        """Return whether a waveform runs."""
         ...
 
     def stop(self) -> None:
-        """Stop the waveform where it is."""
+        """Stop the waveform at its present value."""
         ...
 
 
 @runtime_checkable
 class Instrument(Protocol):
-    """A controller with its stage. Connecting moves nothing and switches nothing."""
+    """A controller with its stage. Connecting neither moves the stage nor switches anything."""
 
     identity: Identity
-    """What it is."""
+    """Its identity."""
     concurrent: bool = False
     """Whether a second thread may read axes while another one works."""
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        """What it can do: what one of its axes can, where it does not say more."""
+        """Its capabilities, including those of its axes."""
         return frozenset().union(*(axis.capabilities for axis in self.axes.values()))
 
     @property
     def axes(self) -> Mapping[str, MotionAxis]:
-        """Its axes, by the names of the stage's axes where it has them."""
+        """Its axes, by the names of the stage's axes where possible."""
         ...
 
     @property
@@ -317,14 +317,14 @@ class Instrument(Protocol):
         raise ModelError("this instrument has no wave generator")
 
     def channel(self, number: int) -> float:
-        """Return what a sensor, by its number, reads now [m, rad, N]."""
-        raise ModelError(f"there is no sensor {number}: this instrument has none")
+        """Return the present reading of a sensor, by its number [m, rad, N]."""
+        raise ModelError(f"there is no sensor {number}: this instrument has no sensors")
 
     def strike(self, axis: str) -> None:
-        """Strike the stage along an axis with a hammer; only where `Capability.IMPACT` is there."""
+        """Excite the stage along an axis with a hammer impact; needs `Capability.IMPACT`."""
         del axis
         raise ModelError(
-            "this controller cannot strike the stage: strike it by hand, and record it"
+            "this controller has no hammer: excite the stage by hand, and record the impact"
         )
 
     def pause(self, seconds: float) -> None:
@@ -332,20 +332,20 @@ class Instrument(Protocol):
         time.sleep(seconds)
 
     def stop(self) -> None:
-        """Stop all motion, from any thread, whatever else goes on; never raises on a lost link."""
+        """Stop all motion immediately, from any thread; never raises on a lost connection."""
         ...
 
     def settings(self) -> Mapping[str, str]:
-        """Return what was set, as text for the record."""
+        """Return the settings, as text for the record."""
         return {}
 
     def close(self) -> None:
-        """End the link; nothing moves by it."""
+        """Disconnect; this does not move the stage."""
         ...
 
     def __repr__(self) -> str:
-        said = self.identity
-        number = f" no. {said.serial_number}" if said.serial_number else ""
-        kind = "simulated " if said.simulated and "simulated" not in said.model else ""
+        identity = self.identity
+        number = f" no. {identity.serial_number}" if identity.serial_number else ""
+        kind = "simulated " if identity.simulated and "simulated" not in identity.model else ""
         axes = ", ".join(self.axes)
-        return f"<{kind}{said.vendor} {said.model}{number}, axes {axes or 'none'}>"
+        return f"<{kind}{identity.vendor} {identity.model}{number}, axes {axes or 'none'}>"

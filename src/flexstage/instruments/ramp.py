@@ -1,7 +1,4 @@
-"""Slow motion between what was and what comes, and waiting for its end.
-
-To the start of a waveform, to the safe voltage.
-"""
+"""Slow ramps to the start of a waveform and to the safe voltage, and waiting for their end."""
 
 import contextlib
 import math
@@ -15,11 +12,11 @@ from flexstage.instruments.limits import check_position, check_voltage, range_of
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis, Quantity, Waveform
 from flexstage.stage.limits import AxisLimits
 
-_KNOTS = 64  # of a smooth ramp: its corners turn by 1/12 of its mean slope at most
+_KNOTS = 64  # of a smooth ramp: its slope changes at a knot by at most 1/12 of the mean slope
 _STEP_TIME = 0.01  # between the steps of a staircase [s]
 _STEEPEST = 1.875  # largest slope of a smooth ramp over its mean
-_STANDING = 30.0  # how long an axis may take to stand after a motion [s]
-_THERE = 1e-6  # of the range: an axis stands where it should
+_STANDING = 30.0  # longest settling time of an axis after a motion [s]
+_THERE = 1e-6  # tolerance of a target, over the range
 
 
 def lead_to(
@@ -29,12 +26,12 @@ def lead_to(
     *,
     time: float = 0.5,
 ) -> None:
-    r"""Bring axes slowly to where a waveform begins, all in step where the instrument can.
+    r"""Ramp axes slowly to the start of a waveform, synchronously where the instrument can.
 
-    With a generator of waveforms the axes follow :math:`10 s^3 - 15 s^4 + 6 s^5` of the time, which
-    begins and ends without speed and acceleration; else small steps are commanded one by one.
-    All targets [V, or m] are checked before anything moves. The motion takes `time` [s], longer
-    where speed or slew asks for it; an axis may take half a minute to stand after it.
+    With a wave generator the axes follow :math:`10 s^3 - 15 s^4 + 6 s^5` over time, which starts
+    and ends with zero speed and acceleration; otherwise small steps are commanded one by one. All
+    targets [V, or m] are checked before any motion. The motion takes `time` [s], longer where speed
+    or slew requires it; the axes must be at rest within half a minute after it.
     """
     limits = {name: _axis(instrument, name).limits for name in targets}
     for name, value in targets.items():
@@ -94,20 +91,20 @@ def wait_for_rest(
     *,
     step: float = _STEP_TIME,
 ) -> None:
-    """Wait until nothing moves; stop the instrument on time-out [s], a lost link, or Ctrl-C.
+    """Wait until motion ends; stop the instrument on timeout [s], lost connection, or Ctrl-C.
 
-    `what` happened, for the message: ``axis 'x' still moved``. It looks after each `step` [s].
+    `what` is for the message: ``axis 'x' still moved``. Motion is checked after each `step` [s].
     """
     waited = 0.0
     try:
         while moving():
             if waited > timeout:
                 instrument.stop()
-                raise ControllerError(f"{what} after {timeout:g} s: it was stopped")
+                raise ControllerError(f"{what} after {timeout:g} s: the stage was stopped")
             instrument.pause(step)
             waited += step
     except (KeyboardInterrupt, NotConnectedError):
-        with contextlib.suppress(NotConnectedError):  # a link that is lost may not take it either
+        with contextlib.suppress(NotConnectedError):  # a lost link may not carry the stop
             instrument.stop()
         raise
 
@@ -118,12 +115,12 @@ def require_loop(instrument: Instrument, axes: Mapping[str, float], quantity: Qu
         on = instrument.axes[name].closed_loop
         if on and quantity == "voltage":
             raise ControllerError(
-                f"axis '{name}' is under position control and takes no voltages: switch the "
+                f"axis '{name}' is under position control and accepts no voltages: switch the "
                 "control off first"
             )
         if not on and quantity == "position":
             raise ControllerError(
-                f"axis '{name}' is not under position control and takes no positions: switch the "
+                f"axis '{name}' is not under position control and accepts no positions: switch the "
                 "control on first"
             )
 
@@ -142,19 +139,19 @@ def _here(axis: MotionAxis, quantity: Quantity) -> float:
         return value
     if quantity == "voltage":
         raise ControllerError(
-            f"the voltage of axis '{axis.name}' is not known: measure it at the drive before you "
+            f"the voltage of axis '{axis.name}' is unknown: measure it at the drive before you "
             "move the stage"
         )
     raise ControllerError(
-        f"axis '{axis.name}' reads {value} as its position: look at its sensor and cable"
+        f"axis '{axis.name}' reads {value} as its position: check its sensor and cable"
     )
 
 
-def _is_there(limits: AxisLimits, here: float, wanted: float, quantity: Quantity) -> bool:
+def _is_there(limits: AxisLimits, value: float, target: float, quantity: Quantity) -> bool:
     # On the scale of the range; exactly where there is none.
     bounds = range_of(limits, quantity)
     span = bounds[1] - bounds[0] if bounds is not None else 0.0
-    return abs(here - wanted) <= _THERE * span
+    return abs(value - target) <= _THERE * span
 
 
 def _led(limits: AxisLimits, value: float, quantity: Quantity) -> float:
@@ -169,7 +166,7 @@ def _duration(
     quantity: Quantity,
     time: float,
 ) -> float:
-    """How long a smooth ramp takes at least, so that every axis keeps within its rate [s]."""
+    """Return the duration of a smooth ramp, long enough for the rate limit of every axis [s]."""
     needed = [time]
     for name, end in ends.items():
         rate = rate_of(instrument.axes[name].limits, quantity)
@@ -203,7 +200,7 @@ def _run_smooth(
         instrument,
         waves.running,
         duration + _STANDING,
-        f"the ramp to the start should have taken {duration:g} s and still ran",
+        f"the ramp to the start has a duration of {duration:g} s and still ran",
         step=min(max(duration / 20.0, 0.005), 0.05),
     )
 
@@ -225,7 +222,7 @@ def _travel(
 ) -> None:
     for name, end in ends.items():
         axis = instrument.axes[name]
-        if axis.limits.speed is None:  # nothing else would keep it from a jump
+        if axis.limits.speed is None:  # without a speed limit, it would step
             for share in _smooth(max(math.ceil(time / _STEP_TIME), 2) + 1)[1:-1]:
                 axis.move_to(begins[name] + (end - begins[name]) * float(share), wait=False)
                 instrument.pause(_STEP_TIME)

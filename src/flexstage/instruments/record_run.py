@@ -1,7 +1,7 @@
-"""Runs that are recorded: waveforms, holds, blows and moves, on any instrument.
+"""Recorded runs on any instrument: waveforms, dwells, hammer impacts and moves.
 
-The samples are read while they are recorded and handed to a writer at once, so that what was
-recorded before a link was lost, or a program died, is kept.
+Samples are read during the record and passed to a writer immediately, so that those before a lost
+connection or a crash are kept.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,15 +18,15 @@ from flexstage.instruments.protocol import Capability, Instrument, Signal, Wavef
 from flexstage.instruments.ramp import lead_to, require_loop
 from flexstage.records import Channel, Record
 
-#: Time at a place before it is recorded [s].
+#: Settling time at a position before its record [s].
 _SETTLE = 0.1
 
 
 class SampleWriter(Protocol):
-    """Takes samples as they come."""
+    """Writer of samples as they arrive."""
 
     def append(self, first: int, columns: Mapping[str, Array]) -> object:
-        """Keep samples of every column [SI], the first of them by its number from 0."""
+        """Write samples of every column [SI]; `first` is the number of the first one, from 0."""
         ...
 
 
@@ -41,37 +41,36 @@ def run_waveform(
     writer: SampleWriter | None = None,
     timeout: float | None = None,
 ) -> Record:
-    """Run a waveform and record what happens.
+    """Run a waveform and record it.
 
-    The whole waveform is checked before anything moves; the axes are led slowly to its first
-    sample; the recorder starts with the waveform, so that sample 0 of the record is the instant of
+    The complete waveform is checked before any motion. The axes are ramped slowly to its first
+    sample. The recorder starts with the waveform, so that sample 0 of the record coincides with
     sample 0 of the waveform.
 
-    The position control is off for a waveform of voltages, on for one of positions, beside which
-    a feedforward of voltages can be given. The record says which rate the instrument could keep.
-    `timeout` is how long to wait for the record beyond its own duration [s]; 10 s and half of that
-    duration where not given.
+    Position control must be off for a waveform of voltages, and on for one of positions, to which
+    feedforward voltages can be added. The record contains the actual sample rate. `timeout` is the
+    longest wait for the record beyond its duration [s] (default: 10 s plus half of that duration).
 
     Raises
     ------
     LimitError, ModelError
-        The waveform leaves the limits, the record does not fit, or what is given does not go
-        together; nothing has been moved.
+        The waveform exceeds the limits, the record does not fit into the recorder, or the arguments
+        are inconsistent; the stage has not moved.
     ControllerError
-        The instrument refuses, a sensor gives no number, or the record does not come to its end;
-        the stage was stopped.
+        The instrument refuses, a sensor gives no number, or the record does not end; the stage was
+        stopped.
     NotConnectedError
-        The link was lost; the sentence says how many samples are safe.
+        The connection was lost; the message gives the number of saved samples.
     """
     if cycles < 1:
-        raise LimitError(f"a recorded waveform runs 1 time or more, got {cycles}")
+        raise LimitError(f"a recorded waveform needs at least 1 cycle, got {cycles}")
     limits = {name: axis.limits for name, axis in instrument.axes.items()}
     check_waveform(limits, waveform, cycles=cycles)
     if feedforward is not None:
         if (waveform.quantity, feedforward.quantity) != ("position", "voltage"):
             raise ModelError(
-                "a feedforward is of voltages beside a waveform of positions, got "
-                f"{feedforward.quantity} beside {waveform.quantity}"
+                "a feedforward consists of voltages for a waveform of positions, got "
+                f"{feedforward.quantity} for {waveform.quantity}"
             )
         check_waveform(limits, feedforward, cycles=cycles)
     first = {name: float(values[0]) for name, values in waveform.values.items()}
@@ -82,7 +81,7 @@ def run_waveform(
         return max(round(duration * rate), 2)
 
     run = RecordedRun(instrument, signals, writer)
-    run.configure(rate_hz, samples)  # what cannot be recorded shows before anything moves
+    run.configure(rate_hz, samples)  # an impossible record is refused before any motion
     with run.stopping():
         lead_to(instrument, first, waveform.quantity)
         waves = instrument.waves
@@ -95,7 +94,7 @@ def run_waveform(
         while waves.running():
             if waited > most:
                 raise ControllerError(
-                    f"the waveform still runs {waited:.4g} s after its record ended: it was stopped"
+                    f"the waveform still ran {waited:.4g} s after its record ended: it was stopped"
                 )
             instrument.pause(0.01)
             waited += 0.01
@@ -109,9 +108,9 @@ def record_now(
     samples: int,
     writer: SampleWriter | None = None,
 ) -> Record:
-    """Record while the instrument does what it does, such as to hold its place.
+    """Record the present state or motion of the instrument, such as a held position.
 
-    2 samples at least; errors are those of `run_waveform`.
+    At least 2 samples; errors are those of `run_waveform`.
     """
     run = RecordedRun(instrument, signals, writer)
     with run.stopping():
@@ -121,7 +120,7 @@ def record_now(
     return run.record()
 
 
-def record_blow(
+def record_impact(
     instrument: Instrument,
     axis: str,
     signals: Sequence[Signal],
@@ -129,11 +128,11 @@ def record_blow(
     samples: int,
     writer: SampleWriter | None = None,
 ) -> Record:
-    """Record a blow of the hammer along an axis; `signals` are its ``force`` and ``response``."""
+    """Record a hammer impact along an axis; `signals` are its ``force`` and ``response``."""
     if Capability.IMPACT not in instrument.capabilities:
         raise ModelError(
-            f"the {instrument.identity.model} has no hammer: strike the stage by hand and read "
-            "the record of the hammer's own instrument"
+            f"the {instrument.identity.model} has no hammer: excite the stage by hand and read the "
+            "record of the hammer's instrument"
         )
     run = RecordedRun(instrument, signals, writer)
     with run.stopping():
@@ -154,11 +153,11 @@ def run_moves(
     rate_hz: float,
     writer: SampleWriter | None = None,
 ) -> Record:
-    """Move an axis from place to place [m] and record while it stands at each of them.
+    """Move an axis from position to position [m] and record while it dwells at each.
 
-    For instruments without a generator of waveforms, and for drives that are slow. Before each
-    record it waits 0.1 s, then records for `dwell` [s]; the column ``command`` holds the commanded
-    position, for the writer too. The time counts the recorded samples alone.
+    For instruments without a wave generator, and for slow drives. At each position the axis settles
+    for 0.1 s, then the record lasts for `dwell` [s]. The column ``command`` is the commanded
+    position. The time counts recorded samples only.
     """
     if not len(positions):
         raise ModelError("moves need at least one position, got none")
@@ -167,10 +166,10 @@ def run_moves(
     for position in positions:
         check_position(mover.limits, position, axis)
     parts: list[Record] = []
-    done = 0
+    count = 0
     for k, position in enumerate(positions):
         with progress.subtask(k / len(positions), (k + 1) / len(positions)):
-            run = RecordedRun(instrument, signals, writer, first=done, command=float(position))
+            run = RecordedRun(instrument, signals, writer, first=count, command=float(position))
             with run.stopping():
                 mover.move_to(float(position))
                 instrument.pause(_SETTLE)
@@ -178,7 +177,7 @@ def run_moves(
                 instrument.recorder.start()
                 run.read()
             parts.append(run.record())
-            done += parts[-1].size
+            count += parts[-1].size
     rate = parts[0].sample_rate_hz
     return Record(
         channels=tuple(
@@ -188,19 +187,18 @@ def run_moves(
             )
             for c in parts[0].channels
         ),
-        time=np.arange(done) / rate,
+        time=np.arange(count) / rate,
         source=parts[0].source,
-        notes=(*parts[0].notes, "the motion from place to place is left out of the time"),
+        notes=(*parts[0].notes, "the time does not include the moves between positions"),
         attributes=parts[0].attributes,
     )  # fmt: skip
 
 
 class RecordedRun:
-    """One record, from the choice of its signals to its last sample.
+    """One record, from its configuration to its last sample.
 
-    Samples are read while they are recorded; each is looked at, kept, and handed to the writer,
-    for which the first has the number `first`. `command` is what the column of that name holds, a
-    position that does not change [m].
+    Samples are read during the record, checked, kept, and passed to the writer, for which the first
+    one has the number `first`. `command` is the constant position of the column of that name [m].
     """
 
     def __init__(
@@ -215,7 +213,7 @@ class RecordedRun:
         names = [s.name for s in signals] + ["command"] * (command is not None)
         if not signals or len(set(names)) != len(names):
             raise ModelError(
-                "a record needs one signal or more, each with a name of its own, got "
+                "a record needs at least one signal, each with a different name, got "
                 f"{', '.join(names) or 'none'}"
             )
         self.instrument, self.signals, self.writer = instrument, tuple(signals), writer
@@ -224,49 +222,49 @@ class RecordedRun:
         self._parts: list[dict[str, Array]] = []
 
     def configure(self, rate_hz: float, samples: Callable[[float], int]) -> None:
-        """Choose what is recorded, and how many samples at the rate that is kept [Hz]."""
+        """Configure the recorder; `samples` is the number of samples at the actual rate [Hz]."""
         recorder, rate = self.instrument.recorder, float(rate_hz)
         if not 0.0 < rate < np.inf:
             raise ModelError(f"the rate of a record must be positive and finite, got {rate_hz!r}")
         if len(self.signals) > recorder.signals:
             raise LimitError(
-                f"the instrument records {recorder.signals} signals at once, and "
-                f"{len(self.signals)} are asked for: record them in several runs"
+                f"the instrument can record {recorder.signals} signals at once, got "
+                f"{len(self.signals)}: record them in several runs"
             )
         for _ in range(2):
-            wanted = samples(rate)
-            if wanted < 2:
-                raise ModelError(f"a record has 2 samples or more, got {wanted}")
-            if wanted > recorder.capacity:
+            count = samples(rate)
+            if count < 2:
+                raise ModelError(f"a record needs at least 2 samples, got {count}")
+            if count > recorder.capacity:
                 raise LimitError(
-                    f"the record would have {wanted} samples, and the instrument keeps "
-                    f"{recorder.capacity}: record at {rate * recorder.capacity / wanted:.4g} Hz or "
+                    f"the record would have {count} samples, and the memory of the instrument has "
+                    f"{recorder.capacity}: record at {rate * recorder.capacity / count:.4g} Hz or "
                     "slower, or for a shorter time"
                 )
-            self.rate, self.samples = recorder.configure(self.signals, rate, wanted), wanted
-            if samples(self.rate) == wanted:
+            self.rate, self.samples = recorder.configure(self.signals, rate, count), count
+            if samples(self.rate) == count:
                 return
             rate = self.rate
 
     @contextmanager
     def stopping(self) -> Iterator[None]:
-        """Stop the instrument when the block fails, and say what is safe when the link fails."""
+        """Stop the instrument when the block fails, and report how many samples are saved."""
         try:
             yield
         except BaseException as error:
             self.instrument.stop()
             if not isinstance(error, NotConnectedError):
                 raise
-            kept = "were read and not kept" if self.writer is None else "are safe with the writer"
+            fate = "were read but not saved" if self.writer is None else "are saved by the writer"
             of = f", of {self.first + self.samples}" if self.samples else ""
             raise NotConnectedError(
-                f"{error}; {self.first + self.done} samples {kept}{of}"
+                f"{error}; {self.first + self.done} samples {fate}{of}"
             ) from error
 
     def read(self, timeout: float | None = None) -> None:
-        """Read samples until all of them are there.
+        """Read samples until the record is complete.
 
-        `timeout` is beyond the time of the samples themselves [s], on the instrument's clock.
+        `timeout` is in addition to the duration of the record [s], on the instrument's clock.
         """
         recorder, goal = self.instrument.recorder, self.samples
         expected = goal / self.rate
@@ -274,16 +272,16 @@ class RecordedRun:
         step = min(max(expected / 50.0, 0.01), 0.25)
         waited = 0.0
         while True:
-            there = min(recorder.available(), goal)
-            # A record has two samples at least: a single one waits for its neighbour.
-            if there - self.done >= 2 or (there == goal and there > self.done):
-                self._take(there)
+            available = min(recorder.available(), goal)
+            # A record has at least two samples: a single one waits for the next.
+            if available - self.done >= 2 or (available == goal and available > self.done):
+                self._take(available)
             if self.done >= goal:
                 return
             if waited > most:
                 raise ControllerError(
-                    f"{self.done} of {goal} samples came in {waited:.4g} s, and all should have "
-                    f"come in {expected:.4g} s: check that the recorder was started, and its rate"
+                    f"{self.done} of {goal} samples arrived in {waited:.4g} s instead of "
+                    f"{expected:.4g} s: check that the recorder was started, and its rate"
                 )
             self.instrument.pause(step)
             waited += step
@@ -301,27 +299,29 @@ class RecordedRun:
             ),
             time=np.arange(self.done) / self.rate,
             source=f"{identity.vendor} {identity.model} {identity.serial_number}".strip(),
-            notes=("simulated: nothing in it was measured",) if identity.simulated else (),
+            notes=("simulated, not measured data",) if identity.simulated else (),
             attributes={
                 **self.instrument.settings(),
                 "simulated": "yes" if identity.simulated else "no",
             },
         )
 
-    def _take(self, there: int) -> None:
-        first = min(self.done, there - 2)
-        found = self.instrument.recorder.read(first, there - first)
+    def _take(self, available: int) -> None:
+        first = min(self.done, available - 2)
+        portion = self.instrument.recorder.read(first, available - first)
         columns = {
-            s.name: np.asarray(found.channel(s.name).values, dtype=np.float64)[self.done - first :]
+            s.name: np.asarray(portion.channel(s.name).values, dtype=np.float64)[
+                self.done - first :
+            ]
             for s in self.signals
         }
-        if wrong := [n for n, v in columns.items() if v.size != there - self.done]:
+        if wrong := [n for n, v in columns.items() if v.size != available - self.done]:
             raise ControllerError(
-                f"samples {self.done} to {there - 1} of '{wrong[0]}' were asked for, and "
-                f"{columns[wrong[0]].size} came: what was read before them is whole"
+                f"samples {self.done} to {available - 1} of '{wrong[0]}' were requested, and "
+                f"{columns[wrong[0]].size} arrived: the samples before them are complete"
             )
         bad = ~np.isfinite(np.array(list(columns.values())))
-        good = int(np.argmax(bad.any(axis=0))) if bad.any() else there - self.done
+        good = int(np.argmax(bad.any(axis=0))) if bad.any() else available - self.done
         self._keep({n: v[:good] for n, v in columns.items()}, good)
         if bad.any():
             which = int(np.argmax(bad[:, good]))
@@ -346,10 +346,11 @@ class RecordedRun:
         at = f"sample {self.done} ({self.done / self.rate:g} s)"
         if signal.kind == "voltage":
             return (
-                f"'{signal.name}' ({where}) is not known from {at} on: the stage was stopped, and "
-                f"the {self.done} samples before it are good"
+                f"'{signal.name}' ({where}) is unknown from {at}: the stage was stopped, and the "
+                f"{self.done} samples before it are valid"
             )
         return (
             f"'{signal.name}' ({where}) reads {columns[signal.name][good]} at {at}: the stage was "
-            f"stopped, the {self.done} samples before it are good; look at the sensor and its cable"
+            f"stopped, and the {self.done} samples before it are valid; check the sensor and its "
+            "cable"
         )

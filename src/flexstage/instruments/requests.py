@@ -1,4 +1,4 @@
-"""What is asked of instruments and their records: a twin, runs and calibrations of a catalogue."""
+"""Requests of a twin, and of runs and calibrations in a catalogue."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -11,12 +11,12 @@ from flexstage.quantities.units import DIMENSIONS
 
 
 def read_names(text: str) -> tuple[str, ...]:
-    """Return names as they are, without a thought of what they may be."""
+    """Return names as they are written."""
     return tuple(text.split(",")) if text else ()
 
 
 def read_address(text: str) -> tuple[str, int]:
-    """Return where to listen: a host, this computer where none is named, and a port.
+    """Return the host to listen on, by default this computer, and the port.
 
     Examples
     --------
@@ -27,7 +27,7 @@ def read_address(text: str) -> tuple[str, int]:
     bare = ":" in host and not (host.startswith("[") and host.endswith("]"))
     if bare or not port.isdecimal() or int(port) > _LAST_PORT:
         raise ModelError(
-            f"must be a port from 0 to {_LAST_PORT}, with an address before it or none, such as "
+            f"must be a port from 0 to {_LAST_PORT}, optionally after an address, such as 8080, "
             f"0.0.0.0:8080 or [::1]:8080, got '{text[:60]}'"
         )
     return host.removeprefix("[").removesuffix("]") or _LOOPBACK, int(port)
@@ -48,16 +48,16 @@ Address = Annotated[tuple[str, int], Written("[HOST:]PORT", read=read_address, w
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwinRequest(Request):
-    """A simulated stage behind a GCS controller."""
+    """A simulated stage with a GCS controller."""
 
     address: Address = (_LOOPBACK, 50000)
-    """Address and TCP port to listen on, 0 for any free port; any address but 127.0.0.1, which is
-    meant where none is given, lets others on the network move the stage.
+    """Address and TCP port to listen on, 0 for any free port (default address: 127.0.0.1); any
+    other address lets others on the network move the stage.
     """
     seed: Seed = 0
     """Random seed of the simulated stage."""
     model: Literal["lumped", "superelement"] = "lumped"
-    """Model of the mechanics: rigid bodies, or finite elements, condensed."""
+    """Model of the mechanics: rigid bodies, or condensed finite elements."""
     servo_rate: Annotated[
         float, DIMENSIONS["frequency"], Range(low=1e3, high=50e3), Written(bare="Hz")
     ] = 10e3
@@ -74,28 +74,28 @@ class TwinRequest(Request):
         | None
     ) = None  # fmt: skip
     """Controller type that it reports, by which programs choose their driver (default: E-727, or
-    C-884 for screws); flexstage: own name and all commands.
+    C-884 for screws); flexstage: generic type with all commands.
     """
     axes: Annotated[tuple[str, ...], Written("NAMES", read=read_names, write=",".join)] = ()
     """Identifiers of its axes, such as "Z" or "X,Y" (default: 1,2,...)."""
     serial_number: Annotated[str, Written("TEXT")] = ""
     """Serial number that it reports (default: twin-SEED)."""
     hold_control: bool = False
-    """The first program that sends a motion or a change keeps control until it disconnects
-    (default: all have control, as with a real controller).
+    """The first program that sends a motion or a change has exclusive control until it disconnects
+    (default: all programs have control, as with a real controller).
     """
 
     def __post_init__(self) -> None:
         super(TwinRequest, self).__post_init__()
         if not (self.serial_number.isascii() and self.serial_number.isprintable()):
-            raise ModelError("--serial-number must be of plain printable characters")
+            raise ModelError("--serial-number must consist of printable ASCII characters")
 
 
 _SECONDS = {"d": 86_400.0, "h": 3600.0, "min": 60.0}
 
 
 def read_time(text: str) -> datetime:
-    """Return a date, a date and time, or how long ago: ``7 d``, in UTC.
+    """Return a date, a date and time, or a time ago such as ``7 d``, in UTC.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def read_time(text: str) -> datetime:
     try:
         return time.astimezone(UTC)
     except OverflowError:  # before the first year, or after the last one
-        raise ModelError(f"'{text}' is no time that can be told in UTC") from None
+        raise ModelError(f"'{text}' is outside the range of dates in UTC") from None
 
 
 def _ago(text: str) -> datetime:
@@ -122,8 +122,8 @@ def _ago(text: str) -> datetime:
         return datetime.now(UTC) - timedelta(seconds=seconds)
     except (KeyError, ValueError, OverflowError):
         raise ModelError(
-            f"expected a date such as 2031-05-17, a date and time such as 2031-05-17T09:30, or how "
-            f"long ago, such as 7d, 12h or 30min, got '{text}'"
+            f"expected a date such as 2031-05-17, a date and time such as 2031-05-17T09:30, or a "
+            f"time ago such as 7d, 12h or 30min, got '{text}'"
         ) from None
 
 
@@ -132,7 +132,7 @@ _TIME = Annotated[datetime, Written("DATE", read=read_time, write=datetime.isofo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OfStage(Request):
-    """What belongs to a stage."""
+    """Selection of a stage."""
 
     stage: Annotated[str, Written("NAME")] | None = None
     """Only this stage."""
@@ -151,7 +151,7 @@ class RunsRequest(OfStage):
     days.
     """
     limit: Annotated[int, Range(low=1)] | None = None
-    """Largest number of runs, the latest ones."""
+    """Largest number of runs, from the latest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Axes and waveforms as the devices that scans of laboratory frameworks drive; none is imported."""
+"""Axes and waveforms as devices for scans of laboratory frameworks, which are not imported."""
 
 import threading
 import time
@@ -13,7 +13,7 @@ from flexstage.records import Record
 
 
 class MotionStatus:
-    """A motion on its way: whether it has ended, how, and whom to tell; it is waited for elsewhere.
+    """Status of a motion that runs in another thread, with callbacks at its end.
 
     Examples
     --------
@@ -30,22 +30,22 @@ class MotionStatus:
         threading.Thread(target=self._run, args=(work,), name="motion", daemon=True).start()
 
     def __repr__(self) -> str:
-        """Say how far it is, as frameworks show it."""
-        ended = "ended as wanted" if self._error is None else f"failed: {self._error}"
-        return f"<motion {ended if self.done else 'on its way'}>"
+        """Return the state of the motion, as frameworks display it."""
+        ended = "complete" if self._error is None else f"failed: {self._error}"
+        return f"<motion {ended if self.done else 'in progress'}>"
 
     @property
     def done(self) -> bool:
-        """Whether it has ended, as wanted or not."""
+        """Whether it has ended, with or without success."""
         return self._over.is_set()
 
     @property
     def success(self) -> bool:
-        """Whether it has ended as wanted."""
+        """Whether it has ended with success."""
         return self.done and self._error is None
 
     def add_callback(self, callback: Callable[["MotionStatus"], object]) -> None:
-        """Call a function with this status at the end; now, where it has ended already."""
+        """Call a function with this status at the end, or now if it has already ended."""
         with self._lock:
             if not self.done:
                 self._callbacks.append(callback)
@@ -53,7 +53,7 @@ class MotionStatus:
         callback(self)
 
     def exception(self, timeout: float | None = 0.0) -> BaseException | None:
-        """Return why it failed; None where it did not. `TimeoutError` where it goes on so long."""
+        """Return the error of a failed motion, else None; `TimeoutError` if it has not ended."""
         if not self._over.wait(timeout):
             raise TimeoutError(f"the motion has not ended within {timeout:g} s")
         return self._error
@@ -66,7 +66,7 @@ class MotionStatus:
     def _run(self, work: Callable[[], object]) -> None:
         try:
             work()
-        except BaseException as error:  # noqa: BLE001 - whoever waits for it is told
+        except BaseException as error:  # noqa: BLE001 - reported by wait() and exception()
             self._error = error
         with self._lock:
             self._over.set()
@@ -75,16 +75,16 @@ class MotionStatus:
 
 
 def _key(instrument: Instrument, unit: str) -> dict[str, Any]:
-    said = instrument.identity
-    source = " ".join(w for w in (said.vendor, said.model, said.serial_number) if w)
+    identity = instrument.identity
+    source = " ".join(w for w in (identity.vendor, identity.model, identity.serial_number) if w)
     return {"source": source, "dtype": "number", "shape": [], "units": unit}
 
 
 class ScanAxis:
-    """An axis that a scan moves and reads, in m; its position control is on from the first move.
+    """An axis that a scan moves and reads, in m; the first move switches its position control on.
 
-    It has what bluesky asks of a device that is movable, readable, locatable, checkable and
-    stoppable, and adapters for other frameworks need no more. `stop` stops the whole stage.
+    It implements bluesky's protocols of movable, readable, locatable, checkable and stoppable
+    devices, which suffice for adapters to other frameworks. `stop` stops all axes of the stage.
     """
 
     parent = None
@@ -96,16 +96,16 @@ class ScanAxis:
 
     @property
     def position(self) -> float:
-        """What its sensor reads [m]."""
+        """Reading of its sensor [m]."""
         return self._axis.position()
 
     @property
     def hints(self) -> dict[str, list[str]]:
-        """Which of its fields is drawn."""
+        """Field for plots."""
         return {"fields": [self.name]}
 
     def set(self, value: float) -> MotionStatus:
-        """Move to a position [m]; refused before anything moves where it is outside the limits."""
+        """Move to a position [m]; a position outside the limits is refused before any motion."""
         self.check_value(value)
         if not self._axis.closed_loop:
             self._axis.set_closed_loop(True)
@@ -114,26 +114,26 @@ class ScanAxis:
         return MotionStatus(self._axis.wait)
 
     def check_value(self, value: float) -> None:
-        """Refuse a position [m] outside the limits; nothing moves."""
+        """Refuse a position [m] outside the limits, without motion."""
         check_position(self._axis.limits, float(value), self._axis.name)
 
     def stop(self, success: bool = True) -> None:
-        """Stop all axes of the stage; a motion that was on its way fails."""
+        """Stop all axes of the stage; a motion in progress fails."""
         del success
         self._instrument.stop()
 
     def locate(self) -> dict[str, float]:
-        """Return where it was sent and where it is [m]."""
+        """Return setpoint and reading [m]."""
         return {"setpoint": self._setpoint, "readback": self.position}
 
     def read(self) -> dict[str, dict[str, float]]:
-        """Return where it is and where it was sent [m], with the time of the computer's clock."""
+        """Return reading and setpoint [m], with the time of the computer's clock."""
         now, at = time.time(), self.locate()
         values = {self.name: at["readback"], f"{self.name}_setpoint": at["setpoint"]}
         return {field: {"value": value, "timestamp": now} for field, value in values.items()}
 
     def describe(self) -> dict[str, dict[str, Any]]:
-        """Return what `read` returns: source, unit, limits."""
+        """Return the description of `read`: source, unit, limits."""
         limits = self._axis.limits.position
         key = _key(self._instrument, "m")
         if limits is not None:
@@ -142,11 +142,11 @@ class ScanAxis:
 
 
 class FlyScan:
-    """A waveform that runs and is recorded as one: kicked off, completed, collected.
+    """A waveform with its record as a fly scan: kickoff, complete, collect.
 
     Arguments are those of `run_waveform`. Position control is switched as the waveform needs it.
-    Samples have the times of the record, counted on the
-    computer's clock from when the record was there.
+    Times of the samples are those of the record, which ends when it was read, by the computer's
+    clock.
     """
 
     parent = None
@@ -168,30 +168,30 @@ class FlyScan:
         )
         self._status: MotionStatus | None = None
         self._ended = 0.0
-        #: The record of the last run that was completed.
+        #: The record of the last completed run.
         self.record: Record | None = None
 
     def kickoff(self) -> MotionStatus:
-        """Check the whole waveform and begin to run it."""
+        """Check the complete waveform and start it."""
         if self._status is not None and not self._status.done:
-            raise ControllerError(f"'{self.name}' runs already: complete it first")
+            raise ControllerError(f"'{self.name}' is already running: complete it first")
         self.record = None
         self._status = MotionStatus(self._run)
         return MotionStatus(lambda: None)
 
     def complete(self) -> MotionStatus:
-        """Return the status of the run that was begun."""
+        """Return the status of the started run."""
         if self._status is None:
-            raise ControllerError(f"'{self.name}' was not kicked off")
+            raise ControllerError(f"'{self.name}' was not started: kick it off first")
         return self._status
 
     def stop(self, success: bool = True) -> None:
-        """Stop all axes of the stage; a run that was on its way fails."""
+        """Stop all axes of the stage; a run in progress fails."""
         del success
         self._instrument.stop()
 
     def describe_collect(self) -> Mapping[str, Mapping[str, Any]]:
-        """Return what `collect` yields, in one stream that has its name."""
+        """Return the description of `collect`, in one stream with its name."""
         return {self.name: {s.name: _key(self._instrument, s.unit) for s in self._signals}}
 
     def collect(self) -> Iterator[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""What carries bytes to a controller and back: memory, network, serial port, or an own object."""
+"""Transports of bytes to a controller and back: memory, network, serial port, or a user object."""
 
 import contextlib
 import math
@@ -16,53 +16,53 @@ if TYPE_CHECKING:
 
 
 class NoAnswerError(ControllerError, TimeoutError):
-    """An instrument did not answer in time; the link itself may be whole."""
+    """An instrument did not answer in time; the link itself may be intact."""
 
 
 @runtime_checkable
 class Transport(Protocol):
-    """Carries bytes, in order.
+    """Transport of bytes, in order.
 
     One thread receives at a time; `send` may be called while another thread receives.
     """
 
     name: str
-    """Where it leads, for sentences."""
+    """Name of the remote end, for messages."""
 
     def send(self, data: bytes) -> None:
-        """Send all of it; `NotConnectedError` where the link is gone."""
+        """Send all bytes; `NotConnectedError` on a lost link."""
         ...
 
     def receive(self, timeout: float) -> bytes:
-        """Return what has come, one byte at least, within a time [s].
+        """Return the received bytes, at least one, within a time [s].
 
-        `NoAnswerError` where nothing came in the time, `NotConnectedError` where the link is gone.
+        `NoAnswerError` if none arrived in time, `NotConnectedError` on a lost link.
         """
         ...
 
     def close(self) -> None:
-        """End the link; calling it again changes nothing."""
+        """Disconnect; repeated calls have no effect."""
         ...
 
 
 @runtime_checkable
 class OpensAnother(Protocol):
-    """A transport that can make a second link to the same place."""
+    """A transport that can open a second link to the same controller."""
 
     def another(self) -> Transport:
-        """Open it; `NotConnectedError` where it cannot be had."""
+        """Open a second link; `NotConnectedError` where this is not possible."""
         ...
 
 
 class InProcessSession(Protocol):
-    """A conversation with a simulated controller in the same process, which answers at once."""
+    """A session with a simulated controller in the same process, which answers immediately."""
 
     def send(self, data: bytes) -> None:
-        """Take bytes from the client."""
+        """Accept bytes from the client."""
         ...
 
     def receive(self, timeout: float) -> bytes:
-        """Return bytes for the client; empty or a time-out where there are none."""
+        """Return bytes for the client; empty or a timeout where there are none."""
         ...
 
 
@@ -94,15 +94,15 @@ class InProcess(Transport):
         except TimeoutError:
             data = b""
         if not data:
-            # what it has to say it says while it takes the question
-            raise NoAnswerError(f"nothing came from {self.name}")
+            # the session answers while it accepts the question
+            raise NoAnswerError(f"no data from {self.name}")
         return data
 
     def another(self) -> "InProcess":
-        """Open a second conversation with the same controller."""
+        """Open a second session with the same controller."""
         another = getattr(self._first, "another", None)
         if not callable(another):
-            raise NotConnectedError(f"there can be no second conversation with {self.name}")
+            raise NotConnectedError(f"a second session with {self.name} is not possible")
         return InProcess(cast("InProcessSession", another()), name=self.name)
 
     def close(self) -> None:
@@ -120,32 +120,32 @@ class InProcess(Transport):
 
 #: The port at which PI's controllers listen.
 DEFAULT_PORT = 50000
-#: Most bytes that are read at once.
+#: Largest number of bytes that are read at once.
 _PIECE = 65536
-#: A link that is gone raises, and does not end the process by SIGPIPE, also where a library (Gmsh
-#: does) has given that signal back its default.
+#: A lost link raises an error instead of ending the process by SIGPIPE, even where a library such
+#: as Gmsh has restored the default of that signal.
 _QUIETLY = getattr(socket, "MSG_NOSIGNAL", 0)
 
 
 class TcpLink(Transport):
     """A TCP connection to a controller.
 
-    `timeout` is the longest time for connecting, and for handing a command to the network [s].
+    `timeout` is the longest time for connecting, and for sending a command [s].
     """
 
     def __init__(self, host: str, port: int = DEFAULT_PORT, *, timeout: float = 5.0) -> None:
         self._host, self._port, self._timeout = host, port, timeout
         self.name = f"{host}:{port}"
         try:
-            made = socket.create_connection((host, port), timeout=timeout)
+            link = socket.create_connection((host, port), timeout=timeout)
         except (OSError, OverflowError, UnicodeError) as error:
             raise NotConnectedError(
-                f"cannot connect to {host} port {port}: {_reason(error)}; is the controller (or "
-                "'flexstage twin') switched on, and is the address right?"
+                f"cannot connect to {host} port {port}: {_reason(error)}; check that the "
+                "controller (or 'flexstage twin') is switched on, and the address"
             ) from error
-        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        self._socket: socket.socket | None = made
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self._socket: socket.socket | None = link
 
     def send(self, data: bytes) -> None:
         link = self._open()
@@ -157,9 +157,9 @@ class TcpLink(Transport):
     def receive(self, timeout: float) -> bytes:
         link = self._open()
         try:
-            # the time-out of the socket is that of sending, which another thread may be doing
+            # the timeout of the socket is that of sending, possibly in another thread
             if not _readable(link, timeout):
-                raise NoAnswerError(f"nothing came from {self.name} in {timeout:g} s")
+                raise NoAnswerError(f"no data from {self.name} in {timeout:g} s")
             data = link.recv(_PIECE)
         except NoAnswerError:
             raise
@@ -176,7 +176,7 @@ class TcpLink(Transport):
     def close(self) -> None:
         link, self._socket = self._socket, None
         if link is not None:
-            with contextlib.suppress(OSError):  # it may be gone already
+            with contextlib.suppress(OSError):  # the link may be lost already
                 link.shutdown(socket.SHUT_RDWR)
             link.close()
 
@@ -203,14 +203,14 @@ def _reason(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error) or type(error).__name__
 
 
-#: The rate of a port that nobody has set otherwise [bit/s].
+#: Default rate of a port [bit/s].
 DEFAULT_BAUD = 115200
 
 
 class SerialLink(Transport):
-    """A serial port with a controller at it: 8 bits, no parity, 1 stop bit, no handshake.
+    """A serial port with a controller: 8 bits, no parity, 1 stop bit, no handshake.
 
-    `baud` is its rate [bit/s], `timeout` the longest time for handing a command to it [s].
+    `baud` is its rate [bit/s], `timeout` the longest time for sending a command [s].
     """
 
     def __init__(self, port: str, *, baud: int = DEFAULT_BAUD, timeout: float = 5.0) -> None:
@@ -219,14 +219,16 @@ class SerialLink(Transport):
 
         self.name = port
         try:
-            made = serial.serial_for_url(port, baudrate=baud, timeout=0.0, write_timeout=timeout)
+            port_object = serial.serial_for_url(
+                port, baudrate=baud, timeout=0.0, write_timeout=timeout
+            )
         except (OSError, ValueError) as error:
             raise NotConnectedError(
-                f"cannot open the serial port {port} at {baud} bit/s: {error}; is the cable in, "
-                "and may you use the port?"
+                f"cannot open the serial port {port} at {baud} bit/s: {error}; check the cable, "
+                "and your permission to use the port"
             ) from error
-        made.reset_input_buffer()
-        self._serial: serial.Serial | None = made
+        port_object.reset_input_buffer()
+        self._serial: serial.Serial | None = port_object
 
     def send(self, data: bytes) -> None:
         port = self._open()
@@ -246,7 +248,7 @@ class SerialLink(Transport):
             # pyserial fails with a TypeError where another thread has closed the port
             raise self._lost(error) from error
         if not data:
-            raise NoAnswerError(f"nothing came from {self.name} in {timeout:g} s")
+            raise NoAnswerError(f"no data from {self.name} in {timeout:g} s")
         return data
 
     def close(self) -> None:
@@ -265,21 +267,21 @@ class SerialLink(Transport):
         return NotConnectedError(f"the serial port {self.name} is lost ({error})")
 
 
-#: Pause between two looks at an object that returns at once when nothing has come [s].
+#: Polling interval of an object that returns immediately without data [s].
 _PAUSE = 2e-3
 
 
 def is_gateway(value: object) -> bool:
-    """Say whether an object can be used as a link: it sends a text, and reads what has come."""
+    """Return whether an object can be used as a link: it has the methods send and read."""
     return all(callable(getattr(value, name, None)) for name in ("send", "read"))
 
 
 class GatewayLink(Transport):
-    """A link by an object that sends and reads texts or bytes, such as one of another library.
+    """A link through an object that sends and reads texts or bytes, such as one of another library.
 
-    `flush`, `close` and `connected` are used where the object has them. An object that waits in
-    `read` waits as long as it has been told elsewhere; what it raises on a time-out is taken for
-    nothing. Its `send` gets a text with the line feed at its end.
+    `flush`, `close` and `connected` are used where the object has them. If its `read` blocks, its
+    own timeout applies; a `TimeoutError` means no data. Its `send` receives a text with a line feed
+    at the end.
     """
 
     def __init__(
@@ -323,7 +325,7 @@ class GatewayLink(Transport):
             if piece:
                 return str(piece).encode("latin-1", "replace")
             if self._clock() >= end:
-                raise NoAnswerError(f"nothing came from {self.name} in {timeout:g} s")
+                raise NoAnswerError(f"no data from {self.name} in {timeout:g} s")
             self._sleep(_PAUSE)
 
     def close(self) -> None:

@@ -19,7 +19,7 @@ steps:
     excite: {kind: designed, axis: x, rates: [0.5 Hz, 5 Hz], seed: 3}
   - {name: taken, measure: {of: record, along: x}}
   - {name: model, identify: {of: [taken], output: x, model: [preisach]}}
-  - {name: check, verify: {model: model, along: x, ways: [open loop, inverse]}}
+  - {name: check, verify: {model: model, along: x, control_modes: [open loop, inverse]}}
   - {name: figures, characterise: {of: [motion]}}
 notes: [made on a quiet day in winter]
 """
@@ -49,7 +49,7 @@ EDITS: Edits = {
     "steps of nothing": (TEXT[TEXT.index("steps:") : TEXT.index("notes:")], "steps: []\n"),
     "steps as a mapping": (
         TEXT[TEXT.index("steps:") : TEXT.index("notes:")],
-        "steps: {loops: {excite: {kind: hold}}}\n",
+        "steps: {loops: {excite: {kind: dwell}}}\n",
     ),
     "a text as step": ("  - name: loops\n", "  - loops\n  - name: loops\n"),
     "a step without a name": ("{name: taken, ", "{"),
@@ -125,9 +125,15 @@ EDITS: Edits = {
     "a record of another verb": ("of: [taken]", "of: [loops]"),
     "a sensor that was not recorded": ("of: [taken], output: x", "of: [taken], output: tilt"),
     "a model of a step of another verb": ("verify: {model: model", "verify: {model: taken"),
-    "a way that is none": ("ways: [open loop, inverse]", "ways: [open loop, inverrse]"),
-    "a way given twice": ("ways: [open loop, inverse]", "ways: [inverse, inverse]"),
-    "trials that are not whole": ("ways: [open loop, inverse]", "trials: 2.5"),
+    "a way that is none": (
+        "control_modes: [open loop, inverse]",
+        "control_modes: [open loop, inverrse]",
+    ),
+    "a way given twice": (
+        "control_modes: [open loop, inverse]",
+        "control_modes: [inverse, inverse]",
+    ),
+    "trials that are not whole": ("control_modes: [open loop, inverse]", "trials: 2.5"),
     "a figure evaluated twice": (
         "characterise: {of: [motion]}",
         "characterise: {of: [motion, motion]}",

@@ -1,4 +1,4 @@
-"""Reading the records of a test, with the columns that it needs in the units that it needs."""
+"""Records of a test, with the necessary columns in the necessary units."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -14,13 +14,13 @@ from flexstage.quantities.units import DIMENSIONS
 from flexstage.records import Channel, Record, read_record, saturation
 from flexstage.records.quality import require_live, require_unclipped
 
-#: Units that a role may have; a role that is not named here may have any.
+#: Allowed units by role; a role that is not listed may have any unit.
 _UNITS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("along", "across", "vertical", "x", "y", "upward", "downward"), ("m",)),
     **dict.fromkeys(("roll", "pitch", "yaw"), ("rad",)),
     "command": ("V", "m", "1", "rad", "count"),
 }
-#: Roles of sensors, which must not be cut off.
+#: Roles of sensors, which must not be clipped.
 _SENSORS = frozenset(("along", "across", "vertical", "roll", "pitch", "yaw"))
 
 
@@ -33,13 +33,13 @@ def load_records(test: Test, folder: Path) -> list[Record]:
             units[at] = unit
         elif isinstance(at, tuple) and unit:
             units |= _unit_of_each(f.name, at, unit, test)
-    wanted = columns_of(test)
+    columns = columns_of(test)
     records = [
         read_record(
             folder / name,
             how,
             units=units,
-            columns=wanted or None,
+            columns=columns or None,
             over="point" if KINDS[test.test].points else "time",
             labels=test.columns.direction,
         )
@@ -51,10 +51,10 @@ def load_records(test: Test, folder: Path) -> list[Record]:
 
 
 def _require_kind(test: Test, record: Record) -> None:
-    """Refuse points where times are needed, and spectra where neither has a meaning."""
+    """Refuse a record whose independent variable the test does not support."""
     allowed = KINDS[test.test].over
     if record.over not in allowed:
-        such = {"time": "samples with their times or their rate", "point": "rows of points"}
+        such = {"time": "samples with times or a rate", "point": "rows of points"}
         such["frequency"] = "responses over frequency"
         raise RecordError(
             f"test '{test.name}' of kind {test.test}: '{record.source}' is over {record.over}, "
@@ -122,18 +122,18 @@ def runs_of(test: Test, record: Record, role: str) -> Array:
 
     `role` is a field of `Columns` that names several.
     """
-    named = getattr(test.columns, role)
-    if not named:
+    columns = getattr(test.columns, role)
+    if not columns:
         raise RecordError(
             f"test '{test.name}' of kind {test.test} needs the columns of '{role}', one for each "
             "run: name them"
         )
-    return np.stack([_in_unit(test, record, role, name).values for name in named], axis=1)
+    return np.stack([_in_unit(test, record, role, name).values for name in columns], axis=1)
 
 
-def _in_unit(test: Test, record: Record, role: str, named: str) -> Channel:
-    """Return a column whose unit is one that its role can have."""
-    channel = record.channel(named)
+def _in_unit(test: Test, record: Record, role: str, column: str) -> Channel:
+    """Return a column; refuse a unit that its role cannot have."""
+    channel = record.channel(column)
     allowed = _UNITS.get(role)
     if allowed is not None and channel.unit not in allowed:
         got = f"is in {channel.unit}" if channel.unit else "does not give its unit"
@@ -141,22 +141,25 @@ def _in_unit(test: Test, record: Record, role: str, named: str) -> Channel:
         expected = "a unit of angle" if allowed == ("rad",) else expected
         raise RecordError(
             f"test '{test.name}': column '{channel.name}' {got}, and '{role}' needs {expected}: "
-            f'give it behind the column, such as {role}="{channel.name} '
+            f'add it to the column, such as {role}="{channel.name} '
             f'{"mrad" if allowed == ("rad",) else "um"}", or choose another column'
         )
     return channel
 
 
 def _require_whole(test: Test, record: Record, channel: Channel) -> None:
-    """Refuse a column that rests at one of its ends while the command goes on.
+    """Refuse a column that stays at one of its ends while the command continues.
 
-    A stage that rests because it is told to rest is not cut off.
+    A stage at rest because of its command is not clipped.
     """
-    # with fewer distinct values a reading rests at its ends because of its coarse steps
+    # with fewer distinct values a reading stays at its ends because of its coarse resolution
     fewest_levels = 16
     x = channel.values
-    found = saturation(x)
-    for clipped, end in ((found.clipped_low, found.low), (found.clipped_high, found.high)):
+    clipping = saturation(x)
+    for clipped, end in (
+        (clipping.clipped_low, clipping.low),
+        (clipping.clipped_high, clipping.high),
+    ):
         if not clipped or np.unique(x).size < fewest_levels:
             continue
         if test.columns.command is not None:

@@ -1,4 +1,4 @@
-"""Tests of motion: an axis by sensors or by spheres, and the corners that two axes reach."""
+"""Tests of motion: an axis by sensors or by spheres, and the workspace corners of two axes."""
 
 import math
 from dataclasses import replace
@@ -24,14 +24,14 @@ from flexstage.records import Record
 from flexstage.records.quality import require_live
 
 _ROTATIONS = {"roll": "roll", "pitch": "pitch", "yaw": "parasitic_rotation"}
-_REVERSED = "the reading falls as the command rises: the stroke is given as a length"
+_REVERSED = "the reading falls as the command rises: the stroke is its absolute value"
 _NOTES = {
     "output_displacement": "from end to end of the command, mean of both directions and all cycles",
     "resolution": "smallest step of the drive times the measured ratio",
     "linearity": "largest less smallest distance of the position from its least-squares line over "
     "the command, mean of both directions",
-    "hysteresis_loop_width": "largest distance of the two directions at equal command",
-    "repeatability": "standard deviation of the upper end from cycle to cycle, drift taken off",
+    "hysteresis_loop_width": "largest difference of the two directions at equal command",
+    "repeatability": "standard deviation of the upper end from cycle to cycle, drift removed",
     "straightness": "largest less smallest distance from the least-squares line, in the plane",
     "straightness_out_of_plane": "largest less smallest distance from the least-squares line, out "
     "of the plane",
@@ -46,7 +46,7 @@ _NOTES = {
 def evaluate_motion(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
     """Evaluate cycles over the stroke.
 
-    Straightness, coupling and rotations are there where they were read beside ``along``.
+    Straightness, coupling and rotations are evaluated where their sensors were read.
     """
     record = only(test, records)
     motions = {
@@ -74,19 +74,19 @@ def motion_figures(
 ) -> TestResult:
     """Return the figures of an axis from its motions over repeated cycles.
 
-    The command is in V or m, all motions in m or rad, shape (n,) each; `time` in s, or where not
-    `timed`, so that a drift has no rate, numbers of stations.
+    The command is in V or m, all motions in m or rad, shape (n,) each. `time` is in s, or the
+    number of the station where not `timed`; then there is no rate of drift.
     """
     groups = cycles_by_range(command, least=3, unit=command_unit)
     strokes = [
-        stroke(command, along, time, cycles=own, command_unit=command_unit, drift=own.count > 2)
-        for own in groups
+        stroke(command, along, time, cycles=group, command_unit=command_unit, drift=group.count > 2)
+        for group in groups
     ]
-    found, cycles = strokes[0], groups[0]
+    travel, cycles = strokes[0], groups[0]
     sensor, side, angle = (
         campaign.instrument(n) for n in (test.along, test.transverse, test.angle)
     )
-    lasting = _half_cycle(cycles, time) if timed else 0.0
+    duration = _half_cycle(cycles, time) if timed else 0.0
     figures: list[MeasuredCharacteristic] = []
 
     def add(
@@ -96,45 +96,47 @@ def motion_figures(
         role: Role,
         pitch: Estimate | None = None,
     ) -> None:
-        whole = measured(raw, instrument, role=role, duration=lasting, pitch=pitch)
+        total = measured(raw, instrument, role=role, duration=duration, pitch=pitch)
         note = _NOTES[quantity]
-        said = f"{note}; {whole.note}" if whole.note else note
-        whole = whole.times(1.0, QUANTITIES[quantity].unit)
-        figures.append(figure_of(campaign, test, quantity, whole, said))
+        remark = f"{note}; {total.note}" if total.note else note
+        total = total.times(1.0, QUANTITIES[quantity].unit)
+        figures.append(figure_of(campaign, test, quantity, total, remark))
 
-    # a sensor that counts the other way reads the same stroke
-    way = math.copysign(1.0, found.stroke.value)
-    pitching = motions.get("pitch")
+    # a reversed sensor reads the same stroke
+    sign = math.copysign(1.0, travel.stroke.value)
+    pitch_readings = motions.get("pitch")
     pitches = [
-        None if pitching is None else _over_stroke(along, pitching, time, own).times(way)
-        for own in groups
+        None
+        if pitch_readings is None
+        else _over_stroke(along, pitch_readings, time, group).times(sign)
+        for group in groups
     ]
-    add("output_displacement", found.stroke.times(way), sensor, "length", pitches[0])
+    add("output_displacement", travel.stroke.times(sign), sensor, "length", pitches[0])
     ranges = [
         replace(
             one,
             stroke=measured(
-                one.stroke.times(way), sensor, role="length", duration=lasting, pitch=p
+                one.stroke.times(sign), sensor, role="length", duration=duration, pitch=p
             ),
         )
         for one, p in zip(strokes, pitches, strict=True)
     ]
-    apart = curve_range(found.curve, line="least_squares")
-    add("linearity", apart, sensor, "transverse range")
-    add("hysteresis_loop_width", found.loop_width, sensor, "transverse range")
+    nonlinearity = curve_range(travel.curve, line="least_squares")
+    add("linearity", nonlinearity, sensor, "transverse range")
+    add("hysteresis_loop_width", travel.loop_width, sensor, "transverse range")
     if timed:
-        # of few stations the noise of the machine would be taken for it
-        add("repeatability", found.end_repeatability[1], sensor, "noise")
-    if found.drift_rate is not None and timed:
-        add("drift", found.drift_rate, sensor, "drift")
+        # with few stations, the noise of the machine would dominate
+        add("repeatability", travel.end_repeatability[1], sensor, "noise")
+    if travel.drift_rate is not None and timed:
+        add("drift", travel.drift_rate, sensor, "drift")
     if test.smallest_step is not None:
         if command_unit != "m":
             raise RecordError(
-                f"test '{test.name}': smallest_step belongs to a command in m, got one in "
-                f"'{command_unit}': leave it out"
+                f"test '{test.name}': smallest_step needs a command in m, got a command in "
+                f"'{command_unit}': omit it"
             )
         step = Estimate(value=test.smallest_step, unit="m")
-        ratio = found.gain.times(math.copysign(1.0, found.gain.value), "1")
+        ratio = travel.gain.times(math.copysign(1.0, travel.gain.value), "1")
         add("resolution", screw_resolution(step, ratio), sensor, "transverse range")
     curves: dict[str, MotionCurve] = {}
     for name, values in motions.items():
@@ -156,19 +158,19 @@ def motion_figures(
     return TestResult(
         test=test,
         figures=tuple(figures),
-        details={"stroke": found, "ranges": ranges, "curves": curves},
-        notes=(*cycles.notes, *found.curve.notes, *([] if way > 0.0 else [_REVERSED])),
+        details={"stroke": travel, "ranges": ranges, "curves": curves},
+        notes=(*cycles.notes, *travel.curve.notes, *([] if sign > 0.0 else [_REVERSED])),
     )
 
 
 def _over_stroke(along: Array, pitch: Array, time: Array, cycles: MotionCycles) -> Estimate:
-    """Pitch from the lower to the upper end of the stroke, by which an Abbe offset counts [rad]."""
+    """Return the pitch over the stroke, which causes the Abbe error [rad]."""
     curve = fit_motion_curve(along, pitch, time, cycles=cycles, unit="rad")
     return curve.functional([-1.0, 1.0], [curve.basis.low, curve.basis.high])
 
 
 def _half_cycle(cycles: MotionCycles, time: Array) -> float:
-    """Time of one run, over which drift that is not taken off adds up [s]."""
+    """Return the time of one run, over which uncorrected drift accumulates [s]."""
     first, last = int(cycles.runs[0, 0, 0]), int(cycles.runs[-1, -1, 1])
     return float(time[last] - time[first]) / (2 * cycles.count)
 
@@ -176,28 +178,27 @@ def _half_cycle(cycles: MotionCycles, time: Array) -> float:
 def evaluate_spheres(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
     """Evaluate spheres probed at stations over repeated cycles.
 
-    The motion is that of the point at the origin of the machine's coordinates, which is the point
-    of interest; the axis runs along the machine's X or Y, that along which the spheres move more.
-    The record has a row for each station; the figures are those of `evaluate_motion`, without
-    drift.
+    The motion is that of the point at the origin of the machine's coordinates, the point of
+    interest. The axis is the machine's X or Y, whichever the spheres move along more. The record
+    has one row for each station; the figures are those of `evaluate_motion`, without drift.
     """
     record = only(test, records)
     if len(test.columns.spheres) < 3:
         raise RecordError(
             f"test '{test.name}' names {len(test.columns.spheres)} spheres: a rigid motion needs "
-            "three at least"
+            "at least three"
         )
     points = np.stack([_centres(record, sphere) for sphere in test.columns.spheres], axis=1)
     command, unit = _command(test, record)
     number = int(np.argmax(np.ptp(points.mean(axis=1), axis=0)))
     if number == 2:
         raise RecordError(
-            f"test '{test.name}': the spheres move most along the machine's Z, and an axis is "
-            "evaluated along X or Y: check the order of their columns"
+            f"test '{test.name}': the spheres move most along the machine's Z, but an axis must be "
+            "along X or Y: check the order of their columns"
         )
     frame = travel_frame(np.eye(3)[number])
     points = points @ frame.T
-    # the first station, over all of its visits, is what the others are compared with
+    # the reference is the first station, averaged over its visits
     first = np.isclose(command, command[0], rtol=0.0, atol=1e-6 * float(np.ptp(command)))
     motion = rigid_motion(points[first].mean(axis=0), points, about=(0.0, 0.0, 0.0))
     along, across, vertical = motion.translation.T
@@ -210,7 +211,7 @@ def evaluate_spheres(test: Test, records: list[Record], campaign: Campaign) -> T
         along,
         record.time,
         {
-            # sideways is towards the other axis, on either of them
+            # across is positive towards the other axis
             "across": across if number == 0 else -across,
             "vertical": vertical,
             "roll": roll,
@@ -228,42 +229,42 @@ def evaluate_spheres(test: Test, records: list[Record], campaign: Campaign) -> T
 
 
 def _command(test: Test, record: Record) -> tuple[Array, str]:
-    """What the drive was told at each station, and its unit."""
+    """Return the command at each station, and its unit."""
     if not test.commands:
         command = column(test, record, "command")
         return command, record.channel(test.columns.command or 0).unit
     if len(test.commands) != record.size:
         raise RecordError(
             f"test '{test.name}' gives {len(test.commands)} commands for {record.size} stations: "
-            "give one for each"
+            "give one command for each station"
         )
     return np.array(test.commands), "m"
 
 
 def _centres(record: Record, sphere: str) -> Array:
-    found = []
+    coordinates = []
     for name in sphere_columns(sphere):
         channel = record.channel(name)
         if channel.unit != "m":
             got = f"is in {channel.unit}" if channel.unit else "does not give its unit"
             raise RecordError(
-                f"column '{name}' {got}, and a sphere needs a unit of length: give it behind "
-                f'the sphere, such as spheres="{sphere} mm"'
+                f"column '{name}' {got}, and a sphere needs a unit of length: add it to the "
+                f'sphere, such as spheres="{sphere} mm"'
             )
-        found.append(channel.values)
+        coordinates.append(channel.values)
     require_live(record, [sphere_columns(sphere)[0]])
-    return np.stack(found, axis=1)
+    return np.stack(coordinates, axis=1)
 
 
 def _rigidity(residuals: Array) -> str:
     rms = float(np.sqrt(np.mean(residuals**2)))
-    return f"the spheres differ from a rigid body by {rms * 1e6:.3g} um rms"
+    return f"the spheres deviate from a rigid body by {rms * 1e6:.3g} um rms"
 
 
 def evaluate_workspace(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate corners that were gone to again and again.
+    """Evaluate repeated visits of the corners of a workspace.
 
-    The record has a row for each visit: the number of the corner, ``x`` and ``y``; each corner at
+    The record has one row for each visit: the number of the corner, ``x`` and ``y``; each corner at
     least twice.
     """
     record = only(test, records)
@@ -273,25 +274,26 @@ def evaluate_workspace(test: Test, records: list[Record], campaign: Campaign) ->
     if not set(np.unique(corner)) == {0.0, 1.0, 2.0, 3.0} or min(v.size for v in visits) < 2:
         raise RecordError(
             f"test '{test.name}': corners are numbered 0 to 3, anticlockwise from low x and low y, "
-            f"each gone to twice at least; got {', '.join(f'{c:g}' for c in np.unique(corner)[:8])}"
+            "each visited at least twice; got "
+            f"{', '.join(f'{c:g}' for c in np.unique(corner)[:8])}"
         )
     rounds = min(v.size for v in visits)
-    found = workspace(np.stack([points[v[:rounds]] for v in visits], axis=1))
+    corners = workspace(np.stack([points[v[:rounds]] for v in visits], axis=1))
     sensor = campaign.instrument(test.along)
-    # two sensors, each with a direction of its own
+    # two sensors with independent directions
     pair = None if sensor is None else replace(sensor, alignment=2.0**0.5 * sensor.alignment)
     notes = []
     if any(v.size > rounds for v in visits):
-        notes.append(f"{rounds} whole rounds are used, visits beyond them are left out")
-    area = measured(found.area, sensor, role="area")
-    square = measured(found.squareness, pair, role="squareness")
-    said = "angle from the path of x to that of y, less a right angle"
+        notes.append(f"{rounds} complete rounds are evaluated; further visits are ignored")
+    area = measured(corners.area, sensor, role="area")
+    square = measured(corners.squareness, pair, role="squareness")
+    remark = "angle from the path of x to that of y, less a right angle"
     return TestResult(
         test=test,
         figures=(
             figure_of(campaign, test, "workspace_area", area, "between the mean corners"),
-            figure_of(campaign, test, "squareness", square, said),
+            figure_of(campaign, test, "squareness", square, remark),
         ),
-        details={"workspace": found},
+        details={"workspace": corners},
         notes=tuple(notes),
     )

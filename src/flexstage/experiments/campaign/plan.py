@@ -1,4 +1,4 @@
-"""What was measured and how: the kinds of tests, the description of a set of them, and its file."""
+"""A campaign: kinds of tests, the description of a set of tests, and its file."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -31,61 +31,61 @@ class KindOfTest:
     """A kind of test."""
 
     what: str
-    """What it is."""
+    """Description."""
     evaluated_by: str
-    """The function that evaluates it, with its module beside this one."""
+    """The function that evaluates it, with its module in this folder."""
     over: tuple[str, ...] = ("time",)
-    """What the rows of its records may follow one another by: time, point, or frequency."""
+    """Allowed independent variables of its records: time, point, or frequency."""
     sensors: tuple[str, ...] | None = None
-    """Roles that sensors have in a plan's record of it; None where a plan cannot make one."""
+    """Roles of sensors in a plan's record; None where a plan cannot record it."""
     needed: tuple[str, ...] = ()
-    """Those of them without which it cannot be evaluated."""
-    beside: MappingType[str, str] = field(default_factory=dict)
-    """Columns that a plan's record has beside its sensors, by their role."""
+    """Roles that are required."""
+    further_columns: MappingType[str, str] = field(default_factory=dict)
+    """Further columns of a plan's record, by their role."""
 
     @property
     def points(self) -> bool:
-        """Whether its rows follow one another by number where the file has no time."""
+        """Whether its rows are points where the file has no time."""
         return "point" in self.over
 
     @property
     def evaluate(self) -> Callable[..., Any]:
-        """The function that makes a `TestResult` of a test, its records and its campaign."""
+        """The function that returns a `TestResult`, given test, records and campaign."""
         module, _, name = self.evaluated_by.partition(".")
         return getattr(import_module(f"flexstage.experiments.campaign.{module}"), name)
 
 
-#: Kinds of tests by name; a new one is one entry here, and the function that evaluates it.
+#: Kinds of tests by name; a new kind is one entry here, and the function that evaluates it.
 KINDS: dict[str, KindOfTest] = {
     "motion": KindOfTest(
         what="cycles over the stroke: stroke, hysteresis, straightness, rotations, coupling",
         evaluated_by="motion.evaluate_motion",
         sensors=_MOTIONS,
         needed=("along",),
-        beside=_COMMANDED,
+        further_columns=_COMMANDED,
     ),
     "spheres": KindOfTest(
-        what="the same by spheres of a plate that a measuring machine probes at stations",
+        what="the same, from spheres on a plate that a measuring machine probes at stations",
         evaluated_by="motion.evaluate_spheres",
         over=("time", "point"),
     ),
     "positioning": KindOfTest(
-        what="targets gone to from both sides: accuracy and repeatability as in ISO 230-2",
+        what="targets approached from both sides: accuracy and repeatability as in ISO 230-2",
         evaluated_by="positioning.evaluate_positioning",
         over=("time", "point"),
         sensors=("along",),
         needed=("along",),
-        beside=_COMMANDED,
+        further_columns=_COMMANDED,
     ),
     "staircase": KindOfTest(
         what="small steps: resolution",
         evaluated_by="positioning.evaluate_staircase",
         sensors=("along",),
         needed=("along",),
-        beside=_COMMANDED,
+        further_columns=_COMMANDED,
     ),
     "hold": KindOfTest(
-        what="the stage held: noise and drift",
+        what="a position that is held: noise and drift",
         evaluated_by="positioning.evaluate_hold",
         sensors=("along",),
         needed=("along",),
@@ -101,82 +101,82 @@ KINDS: dict[str, KindOfTest] = {
         evaluated_by="response.evaluate_ring_down",
     ),
     "workspace": KindOfTest(
-        what="corners gone to again and again: area, squareness",
+        what="repeated visits of the corners: area, squareness",
         evaluated_by="motion.evaluate_workspace",
         over=("time", "point"),
         sensors=("x", "y"),
         needed=("x", "y"),
-        beside={"corner": "corner"},
+        further_columns={"corner": "corner"},
     ),
 }
 
 
-#: What can excite a response; auto looks at the input.
+#: Excitations of a response; auto detects it from the input.
 EXCITATIONS: tuple[str, ...] = ("auto", "random", "periodic", "hammer", "step", "sweep")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Test(Evaluation, TestOptions):
-    """One test: its records, and what is in them."""
+    """One test, with the columns of its records."""
 
     name: str
     """Its name."""
     test: str
     """Kind of test, one of `KINDS`."""
     records: tuple[str, ...]
-    """Its files, from the folder of the file that describes them."""
+    """Its files, relative to the folder of the campaign file."""
     columns: Columns = field(default_factory=Columns)
-    """What is in which column."""
+    """Columns by role."""
     units: Columns = field(default_factory=Columns)
-    """Units of columns that do not say theirs."""
+    """Units of columns without a unit of their own."""
     along: str | None = None
     """Name of the instrument that reads position."""
     transverse: str | None = None
-    """Name of the instrument that reads the directions across it."""
+    """Name of the instrument that reads the transverse directions."""
     angle: str | None = None
     """Name of the instrument that reads rotations."""
     excitation: str = "auto"
     """Of a response: hammer, random, periodic, step, sweep, or auto."""
 
     def __post_init__(self) -> None:
-        for what, given, known in (
+        for what, value, known in (
             ("kind", self.test, KINDS),
             ("excitation", self.excitation, EXCITATIONS),
         ):
-            if given not in known:
+            if value not in known:
                 raise ModelError(
-                    f"test '{self.name}' has the unknown {what} '{given}': choose from "
+                    f"test '{self.name}' has the unknown {what} '{value}': choose from "
                     f"{', '.join(known)}"
                 )
         if not self.records:
             raise ModelError(f"test '{self.name}' names no record: give at least one file")
         if not self.axis.strip():
-            raise ModelError(f"test '{self.name}' names no axis: give the one that moves")
+            raise ModelError(f"test '{self.name}' names no axis: give the axis that moves")
         self.require(ModelError, f"test '{self.name}'")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Campaign:
-    """Everything that was measured of a stage."""
+    """Tests of a stage."""
 
     stage: str = ""
     """Stage file or name of a built-in design; empty where there is none."""
     origin: Literal["measured", "virtual"] = "measured"
-    """Whether the records are measured or simulated."""
+    """Origin of the records: measured, or virtual for simulated ones."""
     instruments: tuple[SensorSpecification, ...] = ()
     """The sensors."""
     tests: tuple[Test, ...]
     """The tests."""
     notes: tuple[str, ...] = ()
-    """Remarks that belong to every figure."""
+    """Remarks on all figures."""
 
     def __post_init__(self) -> None:
         require_ranges(self, ModelError, "a description of tests")
-        for noun, named in (("instrument", self.instruments), ("test", self.tests)):
-            names = [n.name for n in named]
+        for noun, entries in (("instrument", self.instruments), ("test", self.tests)):
+            names = [n.name for n in entries]
             twice = sorted({n for n in names if names.count(n) > 1})
             if twice:
-                raise ModelError(f"two {noun} entries are called '{twice[0]}': give each its own")
+                raise ModelError(f"two {noun} entries are called '{twice[0]}': use different names")
         known = {i.name for i in self.instruments}
         for test in self.tests:
             for name in (test.along, test.transverse, test.angle):
@@ -184,15 +184,15 @@ class Campaign:
                     listed = ", ".join(sorted(known)) or "none"
                     raise ModelError(
                         f"test '{test.name}' names the instrument '{name}', which is not described "
-                        f"(there are: {listed})"
+                        f"(described: {listed})"
                     )
 
     @classmethod
     def of_files(cls, files: Sequence[str], request: CharacteriseRequest) -> "Campaign":
-        """Return the description of one test, which one sensor reads, from its files."""
-        given = request.sensor
+        """Return the description of one test with one sensor, from its files."""
+        uncertainty = request.sensor
         sensor = SensorSpecification(
-            name="sensor", calibration=given.calibration, alignment=given.alignment
+            name="sensor", calibration=uncertainty.calibration, alignment=uncertainty.alignment
         )
         shared = {f.name: getattr(request, f.name) for f in fields(TestOptions)}
         test = Test(
@@ -208,11 +208,11 @@ class Campaign:
         return cls(instruments=(sensor,), tests=(test,))
 
     def instrument(self, name: str | None) -> SensorSpecification | None:
-        """Return what is known of an instrument; None where none is named."""
+        """Return the specification of an instrument; None where it is not described."""
         return next((i for i in self.instruments if i.name == name), None)
 
 
-#: The kind of file that describes tests.
+#: Format of a campaign file.
 CAMPAIGN_FILE = Format(
     noun="description of tests",
     key="campaign",
@@ -223,7 +223,7 @@ CAMPAIGN_FILE = Format(
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     """Read the description of tests from a YAML file whose first key is ``campaign: 1``.
 
-    Records are still named as in the file; a mistake is named by its line.
+    Names of records are those in the file. Messages about mistakes name the line.
     """
     decoder, root = read_file(Path(path), CAMPAIGN_FILE)
     _check_instruments(decoder, root)
@@ -236,7 +236,7 @@ def _check_instruments(decoder: Decoder, root: Mapping) -> None:
     known = list(listed.items) if isinstance(listed, Mapping) else []
     entries = root.items.get("tests")
     if not isinstance(entries, Mapping) or not isinstance(listed, (Mapping, type(None))):
-        return  # the decoder says what is wrong with that
+        return  # the decoder reports this mistake
     for name, test in entries.items.items():
         for role in ("along", "transverse", "angle"):
             node = test.items.get(role) if isinstance(test, Mapping) else None
@@ -244,7 +244,7 @@ def _check_instruments(decoder: Decoder, root: Mapping) -> None:
                 decoder.refuse(
                     node,
                     f"tests.{name}.{role}",
-                    f"the instrument '{node.text[:60]}' is not described (there are: "
+                    f"the instrument '{node.text[:60]}' is not described (described: "
                     f"{', '.join(known) or 'none'}): list it under 'instruments'",
                 )
 
@@ -252,6 +252,6 @@ def _check_instruments(decoder: Decoder, root: Mapping) -> None:
 def campaign_text(campaign: Campaign) -> str:
     """Write the description of tests as the text of its file.
 
-    `read_campaign` reads it back; what is as usual is left out.
+    `read_campaign` reads it back; default values are omitted.
     """
     return Encoder(CAMPAIGN_FILE).text(campaign)

@@ -1,4 +1,4 @@
-"""Tests of an axis that rests: targets gone to from both sides, small steps, one place held."""
+"""Static tests of an axis: targets approached from both sides, small steps, a held position."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
@@ -20,7 +20,7 @@ from flexstage.quantities.sensor import SensorSpecification
 from flexstage.records import Record
 from flexstage.records.sampling import require_uniform
 
-#: Figures that stand in the table of a stage: quantity, field of `Positioning`, what it is.
+#: Figures in the table of a stage: quantity, field of `Positioning`, description.
 _FIGURES: tuple[tuple[str, str, str], ...] = (
     ("positioning_accuracy", "accuracy", "bidirectional accuracy A"),
     ("positioning_repeatability", "repeatability", "bidirectional repeatability R"),
@@ -41,7 +41,7 @@ _DOWN = frozenset(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Reached:
-    """What was read at the targets, shape (m, n) upward and downward, and how it was found."""
+    """Readings at the targets, shape (m, n) upward and downward, with notes on their source."""
 
     target: Array
     upward: Array
@@ -50,11 +50,11 @@ class _Reached:
 
 
 def evaluate_positioning(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate targets that were gone to from both sides, in the manner of ISO 230-2.
+    """Evaluate targets that were approached from both sides, according to ISO 230-2.
 
-    The columns are ``command``, the targets in metres, and ``along``: a row for each approach in
-    the order of time, or rests of several samples; ``direction`` says the side of each. Or they are
-    ``command``, ``upward`` and ``downward``: a row for each target.
+    The columns are ``command``, the targets in metres, and ``along``: one row for each approach in
+    the order of time, or dwells of several samples; ``direction`` is the side of each. Or they are
+    ``command``, ``upward`` and ``downward``: one row for each target.
     """
     record = only(test, records)
     command = column(test, record, "command")
@@ -62,98 +62,98 @@ def evaluate_positioning(test: Test, records: list[Record], campaign: Campaign) 
     if unit != "m":
         raise RecordError(
             f"test '{test.name}': targets are positions in m, and the command is in "
-            f"'{unit or 'no unit'}': give command=um, or the column of the wanted position"
+            f"'{unit or 'no unit'}': give command=um, or the column of the target position"
         )
     table = bool(test.columns.upward or test.columns.downward)
     reached = _table(test, record, command) if table else _sequence(test, record, command)
-    upward, downward, notes = _set_alike(reached, deviations=test.deviations)
-    found = positioning(reached.target, upward, downward)
+    upward, downward, notes = _same_zero(reached, deviations=test.deviations)
+    figures = positioning(reached.target, upward, downward)
     sensor = campaign.instrument(test.along)
     if sensor is not None:
-        found = _measured(found, sensor)
+        figures = _measured(figures, sensor)
     return TestResult(
         test=test,
         figures=tuple(
-            figure_of(campaign, test, quantity, getattr(found, name), f"{what} of ISO 230-2")
+            figure_of(campaign, test, quantity, getattr(figures, name), f"{what} of ISO 230-2")
             for quantity, name, what in _FIGURES
         ),
-        details={"positioning": found},
+        details={"positioning": figures},
         notes=(*reached.notes, *notes),
     )
 
 
 def _table(test: Test, record: Record, target: Array) -> _Reached:
-    """Runs in columns, a row for each target."""
-    named = test.columns
-    if named.along or named.direction or test.cycle != "auto":
+    """Return runs in columns, with one row for each target."""
+    columns = test.columns
+    if columns.along or columns.direction or test.cycle != "auto":
         raise RecordError(
-            f"test '{test.name}': upward and downward name the runs of a table with a row for each "
-            "target, where along, direction and cycle have no meaning: leave them out"
+            f"test '{test.name}': upward and downward name the runs of a table with one row for "
+            "each target, where along, direction and cycle have no meaning: omit them"
         )
     upward, downward = (runs_of(test, record, role) for role in ("upward", "downward"))
-    note = f"{upward.shape[1]} runs to {target.size} targets: a row for each target"
+    note = f"{upward.shape[1]} runs to {target.size} targets: one row for each target"
     return _Reached(target=target, upward=upward, downward=downward, notes=(note,))
 
 
 def _sequence(test: Test, record: Record, command: Array) -> _Reached:
-    """Approaches in the order of time."""
+    """Return approaches in the order of time."""
     along = column(test, record, "along")
     side = _sides(test, record)
-    seen: Visits | None = None
-    how = "a row for each approach"
+    approached: Visits | None = None
+    layout = "one row for each approach"
     if test.cycle == "auto" and command.size >= 8:
         dwells = staircase_dwells(command, side=side)
-        # in a table that is sorted by target and side each of them stands once
+        # a table that is sorted by target and side has each of them once
         if dwells is not None and (side is None or not _sorted(test, dwells)):
             length = int(np.median(dwells.stop - dwells.start))
-            how = f"{dwells.target.size} rests of some {length} samples"
-            seen, along = dwells, dwells.means(along)
-    if seen is None:
+            layout = f"{dwells.target.size} dwells of about {length} samples"
+            approached, along = dwells, dwells.means(along)
+    if approached is None:
         cycle = "standard" if test.cycle == "auto" else test.cycle
-        seen = visits(command, cycle=cycle, side=side)
-    found = seen.sort(along)
-    told = "the order of the rows" if side is None else f"column '{test.columns.direction}'"
-    runs, targets = found.upward.shape[1], found.targets.size
-    note = f"{runs} runs to {targets} targets: {how}, directions by {told}"
+        approached = visits(command, cycle=cycle, side=side)
+    approaches = approached.sort(along)
+    source = "the order of the rows" if side is None else f"column '{test.columns.direction}'"
+    runs, targets = approaches.upward.shape[1], approaches.targets.size
+    note = f"{runs} runs to {targets} targets: {layout}, directions by {source}"
     return _Reached(
-        target=seen.levels[found.targets],
-        upward=found.upward,
-        downward=found.downward,
-        notes=(note, *_left_out(seen.levels, found, said=side is not None)),
+        target=approached.levels[approaches.targets],
+        upward=approaches.upward,
+        downward=approaches.downward,
+        notes=(note, *_ignored(approached.levels, approaches, stated=side is not None)),
     )
 
 
-def _left_out(levels: Array, found: Approaches, *, said: bool) -> Iterator[str]:
-    """Say which targets do not count, and which approaches to the others."""
-    alone = np.setdiff1d(np.arange(levels.size), found.targets)
+def _ignored(levels: Array, approaches: Approaches, *, stated: bool) -> Iterator[str]:
+    """Yield notes on ignored targets, and on ignored approaches to the others."""
+    alone = np.setdiff1d(np.arange(levels.size), approaches.targets)
     if alone.size:
-        seldom = " or seldom" if found.counts[:, alone].min(axis=0).any() else ""
-        mend = "" if said else (
-            "; where they were reached from both, name the column of the direction"
+        rarely = " or rarely" if approaches.counts[:, alone].min(axis=0).any() else ""
+        remedy = "" if stated else (
+            "; if they were approached from both sides, name the column of the direction"
         )  # fmt: skip
         yield (
-            f"positions that were gone to from one side only{seldom} are left out: "
-            f"{_listed(levels[alone])}{mend}"
+            f"positions that were approached from one side only{rarely} are ignored: "
+            f"{_listed(levels[alone])}{remedy}"
         )
-    counts, runs = found.counts[:, found.targets], found.upward.shape[1]
+    counts, runs = approaches.counts[:, approaches.targets], approaches.upward.shape[1]
     if counts.max() > runs:
-        way, i = np.unravel_index(int(counts.argmin()), counts.shape)
+        side, i = np.unravel_index(int(counts.argmin()), counts.shape)
         yield (
-            f"target {_listed(levels[found.targets[i : i + 1]])} was reached from "
-            f"{('below', 'above')[way]} {runs} times, and others up to {counts.max()} times: "
-            f"approaches beyond the first {runs} are left out"
+            f"target {_listed(levels[approaches.targets[i : i + 1]])} was reached from "
+            f"{('below', 'above')[side]} {runs} times, and others up to {counts.max()} times: "
+            f"approaches beyond the first {runs} are ignored"
         )
 
 
-def _sorted(test: Test, seen: Visits) -> bool:
-    """Say whether rows are sorted by target and side, so that several in succession are runs."""
-    pairs = list(zip(seen.target.tolist(), seen.direction.tolist(), strict=True))
+def _sorted(test: Test, rows: Visits) -> bool:
+    """Return whether rows are sorted by target and side, so that successive rows are runs."""
+    pairs = list(zip(rows.target.tolist(), rows.direction.tolist(), strict=True))
     if len(set(pairs)) < len(pairs):
         return False
-    if np.array_equal(seen.target, seen.target[::-1]):
+    if np.array_equal(rows.target, rows.target[::-1]):
         raise RecordError(
             f"test '{test.name}': the rows go up and down over the targets once, several at each: "
-            "a test has two runs at least; where each row is an approach, use cycle=standard"
+            "a test needs at least two runs; if each row is an approach, use cycle=standard"
         )
     return True
 
@@ -164,14 +164,14 @@ def _listed(positions: Array) -> str:
 
 
 def _sides(test: Test, record: Record) -> Array | None:
-    """Return 1 where a row was reached from below and -1 from above, where a column says it."""
+    """Return 1 for rows approached from below and -1 from above; None without such a column."""
     if test.columns.direction is None:
         return None
     channel = record.channel(test.columns.direction)
     values = channel.values
     if channel.texts:
         side = {text: _side(text) for text in channel.texts}
-        unknown = [text for text, way in side.items() if way == 0.0]
+        unknown = [text for text, value in side.items() if value == 0.0]
         values = np.array([side[text] for text in channel.texts])[values.astype(np.intp)]
     elif not values.min() < 0.0 < values.max():
         unknown = [f"{values.max():g}"]
@@ -179,7 +179,7 @@ def _sides(test: Test, record: Record) -> Array | None:
         unknown = [f"{v:g}" for v in np.unique(values[values == 0.0])]
     if unknown:
         raise RecordError(
-            f"test '{test.name}': column '{channel.name}' has '{unknown[0]}' for a direction: "
+            f"test '{test.name}': column '{channel.name}' has '{unknown[0]}' as a direction: "
             "write up or down, + or -, 1 or -1, forward or backward, ↑ or ↓"
         )
     return np.sign(values)
@@ -195,104 +195,104 @@ def _side(text: str) -> float:
         return 0.0
 
 
-def _set_alike(reached: _Reached, *, deviations: bool) -> tuple[Array, Array, tuple[str, ...]]:
-    """Return positions reached, on the scale of the targets."""
-    # readings that are off by more than so many ranges of their deviations have another zero
+def _same_zero(reached: _Reached, *, deviations: bool) -> tuple[Array, Array, tuple[str, ...]]:
+    """Return the positions with the zero of the targets."""
+    # a mean deviation of more than this many ranges of the deviations is a different zero
     other_zero = 10.0
     at = reached.target[:, None]
     if deviations:
         return reached.upward + at, reached.downward + at, ()
-    off = np.concatenate((reached.upward - at, reached.downward - at), axis=1)
-    zero = float(off[np.argmin(reached.target)].mean())
-    if not abs(zero) > other_zero * float(np.ptp(off)):
+    deviation = np.concatenate((reached.upward - at, reached.downward - at), axis=1)
+    zero = float(deviation[np.argmin(reached.target)].mean())
+    if not abs(zero) > other_zero * float(np.ptp(deviation)):
         return reached.upward, reached.downward, ()
     note = (
-        f"the zero of the reading is elsewhere ({1e6 * zero:+.6g} um): deviations are counted from "
+        f"the zero of the reading differs by {1e6 * zero:+.6g} um: deviations are relative to "
         "their mean at the first target"
     )
     return reached.upward - zero, reached.downward - zero, (note,)
 
 
-def _measured(found: Positioning, sensor: SensorSpecification) -> Positioning:
-    """Return the figures with what the sensor adds to their uncertainty.
+def _measured(figures: Positioning, sensor: SensorSpecification) -> Positioning:
+    """Return the figures with the uncertainty of the sensor.
 
-    A figure of deviations along the travel has the error of the length over all of it: a gain that
-    is off by c turns the line of deviations by c, however small they are.
+    A figure of deviations along the travel has the error of the length over the full travel: a
+    relative error c of the gain tilts the line of deviations by c, however small they are.
     """
-    travel = Estimate(value=float(np.ptp(found.target)), unit="m")
+    travel = Estimate(value=float(np.ptp(figures.target)), unit="m")
     over_travel = measured(travel, sensor, role="length").components
-    whole = {}
-    for field in fields(found):
-        estimate = getattr(found, field.name)
+    totals = {}
+    for field in fields(figures):
+        estimate = getattr(figures, field.name)
         if isinstance(estimate, Estimate):
-            near = field.name.startswith(("repeat", "reversal", "mean_reversal"))
-            whole[field.name] = (
+            local = field.name.startswith(("repeat", "reversal", "mean_reversal"))
+            totals[field.name] = (
                 measured(estimate, sensor, role="transverse range")
-                if near
+                if local
                 else estimate.plus(*over_travel)
             )
-    return replace(found, **whole)
+    return replace(figures, **totals)
 
 
 def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
     """Evaluate a staircase of small steps.
 
-    The resolution is what the noise lets one tell apart, or the mean step where the steps are the
-    smallest that the drive can make: then they must not drown in the noise.
+    The resolution is the smallest step that is distinguishable from the noise, or the mean step
+    where the steps are the smallest of the drive; these must exceed the noise.
     """
     record = only(test, records)
     require_uniform(record)
     command = column(test, record, "command")
     along = column(test, record, "along")
-    found = staircase(
+    steps = staircase(
         along,
         record.sample_rate_hz,
         levels_of_command(command, shortest=4),
         command=command,
         probability=test.confidence,
     )
-    raw = found.resolution
+    raw = steps.resolution
     note = raw.note
     if test.smallest_steps:
-        if found.smallest_resolved is None:
+        if steps.smallest_resolved is None:
             raise RecordError(
-                f"test '{test.name}': no step size is resolved from the noise at "
+                f"test '{test.name}': no step size is distinguishable from the noise at "
                 f"{100.0 * test.confidence:g} % confidence: average more samples on each level"
             )
-        raw = found.smallest_resolved
+        raw = steps.smallest_resolved
         note = f"mean of the smallest steps; {raw.note}"
-    whole = measured(raw, campaign.instrument(test.along), role="noise")
+    total = measured(raw, campaign.instrument(test.along), role="noise")
     return TestResult(
         test=test,
-        figures=(figure_of(campaign, test, "resolution", whole, note),),
-        details={"staircase": found, "along": along, "time": record.time},
-        notes=found.notes,
+        figures=(figure_of(campaign, test, "resolution", total, note),),
+        details={"staircase": steps, "along": along, "time": record.time},
+        notes=steps.notes,
     )
 
 
 def evaluate_hold(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate a record of an axis that is held.
+    """Evaluate a record of an axis at a held position.
 
     The figures are noise and drift, with spectrum and Allan deviation.
     """
     record = only(test, records)
     require_uniform(record)
     along = column(test, record, "along")
-    found = hold_noise(along, record.sample_rate_hz)
+    stability = hold_noise(along, record.sample_rate_hz)
     sensor = campaign.instrument(test.along)
-    noise = measured(found.rms, sensor, role="noise")
-    drift = measured(found.drift, sensor, role="drift")
+    noise = measured(stability.rms, sensor, role="noise")
+    drift = measured(stability.drift, sensor, role="drift")
     return TestResult(
         test=test,
         figures=(
             figure_of(campaign, test, "noise", noise, "rms about a straight line"),
-            figure_of(campaign, test, "drift", drift, "while the stage is held"),
+            figure_of(campaign, test, "drift", drift, "while the position is held"),
         ),
         details={
-            "hold": found,
+            "hold": stability,
             "allan": allan_deviation(along, record.sample_rate_hz),
             "values": np.asarray(along),
             "time": record.time,
         },
-        notes=found.notes,
+        notes=stability.notes,
     )

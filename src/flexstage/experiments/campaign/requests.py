@@ -1,4 +1,4 @@
-"""What is asked of the records of a test: what is in them, and how they are evaluated."""
+"""Requests of tests: columns of their records, and options of the evaluation."""
 
 import math
 from collections.abc import Iterable
@@ -25,34 +25,34 @@ _CONFIDENCE = Range(low=0.5, high=1.0, above=True, below=True)
 # without slots: a test, or a step of a plan, has the fields of several of these
 @dataclass(frozen=True, kw_only=True)
 class Roles:
-    """What reads each motion: a column of a record, or a sensor of a plan."""
+    """Column of a record, or sensor of a plan, for each motion."""
 
     along: str | None = None
-    """What reads the position along the axis."""
+    """Position along the axis."""
     across: str | None = None
-    """What reads the transverse motion in the plane."""
+    """Transverse motion in the plane."""
     vertical: str | None = None
-    """What reads the motion out of the plane."""
+    """Motion out of the plane."""
     roll: str | None = None
-    """What reads the rotation about the axis."""
+    """Rotation about the axis."""
     pitch: str | None = None
-    """What reads the rotation about the transverse direction."""
+    """Rotation about the transverse direction."""
     yaw: str | None = None
-    """What reads the rotation about the normal."""
+    """Rotation about the normal."""
     x: str | None = None
-    """What reads x at the corners of a workspace."""
+    """x at the corners of a workspace."""
     y: str | None = None
-    """What reads y at the corners."""
+    """y at the corners of a workspace."""
 
     @property
     def roles(self) -> dict[str, str]:
-        """What is named, by what it reads."""
+        """Columns or sensors by role."""
         return {f.name: name for f in fields(Roles) if (name := getattr(self, f.name)) is not None}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns(Roles):
-    """Which column of a record is what, by number or name; or the unit of each."""
+    """Column of each role, by number or name; or the unit of each."""
 
     command: str | None = None
     """Column of the command."""
@@ -67,14 +67,14 @@ class Columns(Roles):
     direction: str | None = None
     """Column of the direction of approach: up or down, 1 or -1, or an arrow."""
     upward: tuple[str, ...] = ()
-    """For a table with a row for each target: columns of the upward runs."""
+    """For a table with one row for each target: columns of the upward runs."""
     downward: tuple[str, ...] = ()
     """For such a table: columns of the downward runs."""
 
     @classmethod
     def of(cls, texts: Iterable[str], option: str) -> "Columns":
-        """Read columns of texts such as along=2 or output=3,4."""
-        usual, found = cls(), {}
+        """Return the columns of texts such as along=2 or output=3,4."""
+        defaults, values = cls(), {}
         roles = [f.name for f in fields(cls)]
         for text in texts:
             role, _, column = (word.strip() for word in text.partition("="))
@@ -83,20 +83,20 @@ class Columns(Roles):
                     f"{option}, got '{text[:60]}' (roles: {', '.join(roles)})"
                     f"{'' if role in roles else did_you_mean(role, roles)}"
                 )
-            several = isinstance(getattr(usual, role), tuple)
+            several = isinstance(getattr(defaults, role), tuple)
             words = tuple(word.strip() for word in column.split(","))
-            found[role] = words if several else column
-        return cls(**found)
+            values[role] = words if several else column
+        return cls(**values)
 
     def named(self) -> dict[str, str]:
-        """Return the single columns that are given, by what they are."""
-        given = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {k: v for k, v in given.items() if isinstance(v, str)}
+        """Return the given single columns, by role."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {k: v for k, v in values.items() if isinstance(v, str)}
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepOptions(Request):
-    """How the steps of a staircase are told apart."""
+    """Options of the evaluation of a staircase."""
 
     confidence: Annotated[float, _CONFIDENCE, Written("SHARE")] = 0.95
     """For a staircase: confidence level of a step."""
@@ -104,23 +104,23 @@ class StepOptions(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation(StepOptions):
-    """How a test of a campaign or of a plan is evaluated."""
+    """Options of the evaluation of a test of a campaign or of a plan."""
 
-    modes: Annotated[int, Range(low=1, high=100, remark="counted where not given")] | None = None
-    """Of a response: how many modes to fit; chosen by stabilisation where not given."""
+    modes: Annotated[int, Range(low=1, high=100, remark="default: automatic")] | None = None
+    """Of a response: number of fitted modes (default: by stabilisation)."""
     band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
-    """Of a response: ends of the band that is fitted [Hz]."""
+    """Of a response: ends of the fitted band [Hz]."""
     smallest_steps: bool = False
-    """Of a staircase: whether its steps are the smallest that the drive can make, so that they are
-    the resolution, and not what the noise would still let one see.
+    """Of a staircase: its steps are the smallest of the drive, so that they are the resolution, not
+    the smallest step that is distinguishable from the noise.
     """
     smallest_step: Annotated[Length, POSITIVE] | None = None
-    """Of a motion commanded in metres: smallest step of the drive, whose product with the measured
+    """Of a motion commanded in metres: smallest step of the drive; its product with the measured
     ratio is the resolution [m].
     """
 
     def require(self, error: type[FlexstageError], of: str) -> None:
-        """Refuse what cannot be evaluated; `of` says whose it is."""
+        """Refuse invalid options; `of` is the owner, for messages."""
         require_ranges(self, error, of)
         if self.band is not None and not 0.0 <= self.band[0] < self.band[1] < math.inf:
             low, high = self.band
@@ -132,15 +132,15 @@ class Evaluation(StepOptions):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TestOptions(StepOptions):
-    """How the records of a test are evaluated."""
+    """Options of the records of a test."""
 
     __test__ = False  # a name that the collector of tests would take for its own
 
     axis: Annotated[str, Written("NAME")]
     """The axis that moves or is excited; of a workspace both axes, such as xy."""
     cycle: Literal["auto", "standard", "step"] = "auto"
-    """For positioning with a row for each approach: standard (series up and down) or step (each
-    target from both sides in turn); auto also finds rests of several samples.
+    """For positioning with one row for each approach: standard (series up and down) or step (each
+    target from both sides in turn); auto also detects dwells of several samples.
     """
     deviations: bool = False
     """For positioning: the readings are deviations from the targets, not positions."""
@@ -149,12 +149,12 @@ class TestOptions(StepOptions):
     the report of a measuring machine: "0 um,5 um,10 um,5 um,0 um".
     """
     reading: ReadOptions = field(default_factory=ReadOptions)
-    """How the files are read."""
+    """Options of reading the files."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorUncertainty(Request):
-    """How far sensors can be trusted."""
+    """Standard uncertainties of the sensors."""
 
     one_value: ClassVar[bool] = True
 
@@ -174,11 +174,11 @@ class CharacteriseRequest(TestOptions):
     workspace.
     """
     column: Annotated[tuple[str, ...], Written("ROLE=COLUMN")] = ()
-    """Column of a role, by number or name, such as along=2, with its unit behind where the file
-    does not say it, "along=2 um"; several with commas, output=3,4. Roles:
+    """Column of a role, by number or name, such as along=2; with a unit if the file has none,
+    "along=2 um"; several separated by commas, output=3,4. Roles:
     command, along, across, vertical, roll, pitch and yaw of motions; input and output of responses;
     corner, x and y of a workspace; spheres, by their names; direction of an approach, or upward and
-    downward for a table with a row for each target.
+    downward for a table with one row for each target.
     """
     sensor: SensorUncertainty = SensorUncertainty()
     """Standard uncertainties of the sensors, such as "calibration=0.05 %,alignment=1 mrad"."""

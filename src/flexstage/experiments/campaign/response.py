@@ -1,4 +1,4 @@
-"""Tests that make an axis vibrate: natural frequency and damping."""
+"""Vibration tests of an axis: natural frequency and damping."""
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from flexstage.records import Record
 
 
 def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate a driven response, or one that has been estimated already.
+    """Evaluate a forced response, from records over time or as an estimated frequency response.
 
-    Records over time are averaged together; one over frequency is an estimated response. The
-    figures are those of the mode by which the axis moves.
+    Records over time are averaged; a record over frequency is an estimated response. The figures
+    are those of the mode that dominates the motion of the axis.
     """
     notes: tuple[str, ...] = ()
     added = 0.0
@@ -30,7 +30,7 @@ def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> 
         if test.columns.input is None or not test.columns.output:
             raise RecordError(
                 f"test '{test.name}' of kind response needs the columns of 'input' and 'output': "
-                "name them"
+                "name both"
             )
         estimate = estimate_response(
             records,
@@ -48,7 +48,7 @@ def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> 
     )
     return TestResult(
         test=test,
-        figures=_figures(test, campaign, _found(test, fit)),
+        figures=_figures(test, campaign, _mode(test, fit)),
         details={"estimate": estimate, "response": responses[0], "fit": fit},
         notes=(*notes, *fit.notes),
     )
@@ -77,20 +77,20 @@ def evaluate_ring_down(test: Test, records: list[Record], campaign: Campaign) ->
 
 
 def mode_of_axis(modes: tuple[Mode, ...]) -> Mode:
-    """Return the mode that gives most of the static response of any output to the first input."""
+    """Return the mode with the largest part of the static response to the first input."""
     return max(modes, key=lambda m: float(np.nanmax(np.abs(m.residues[:, 0]))) / abs(m.pole))
 
 
 def _strongest(test: Test, fit: RingDown) -> DecayMode:
     if not fit.modes:
         raise RecordError(
-            f"test '{test.name}': no mode rises above the noise: give a record that begins with "
-            "the decay"
+            f"test '{test.name}': no mode exceeds the noise: give a record that starts with the "
+            "decay"
         )
     return max(fit.modes, key=lambda m: float(np.abs(m.amplitudes).max()))
 
 
-def _found(test: Test, fit: ModalFit) -> Mode:
+def _mode(test: Test, fit: ModalFit) -> Mode:
     if not fit.modes:
         raise RecordError(f"test '{test.name}': {fit.notes[0]}; widen the band, or average more")
     return mode_of_axis(fit.modes)

@@ -1,4 +1,4 @@
-"""Evaluation of a set of tests: what each gave, and whether two figures differ."""
+"""Evaluation of a campaign: results of its tests, and differences of figures."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ from flexstage.records import Record
 def figure_of(
     campaign: Campaign, test: Test, quantity: str, estimate: Estimate, note: str
 ) -> MeasuredCharacteristic:
-    """Return what a test gave of a quantity of its axis; the note takes the place of its own."""
+    """Return the figure of a quantity of a test's axis; the note replaces that of the estimate."""
     return MeasuredCharacteristic.from_estimate(
         replace(estimate, note=note),
         quantity=quantity,
@@ -39,7 +39,7 @@ def figure_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TestResult:
-    """What one test gave."""
+    """Result of one test."""
 
     __test__ = False  # a name that the collector of tests would take for its own
 
@@ -48,14 +48,14 @@ class TestResult:
     figures: tuple[MeasuredCharacteristic, ...]
     """Its figures."""
     details: Mapping[str, Any] = field(default_factory=dict)
-    """Curves and fits behind them, for drawing, by what they are."""
+    """Curves and fits of the figures, for plots, by name."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Notes for the report."""
 
     __repr__ = short_repr
 
     def data(self) -> dict[str, Any]:
-        """Return it as plain data, in SI units."""
+        """Return the result as plain data, in SI units."""
         positioning, ranges = self.details.get("positioning"), self.details.get("ranges", ())
         data: dict[str, Any] = {
             **picked(self.test, "name", "kind=test", "axis", "records"),
@@ -78,7 +78,7 @@ class TestResult:
 
 
 def figure_data(figure: MeasuredCharacteristic) -> dict[str, Any]:
-    """Return a measured figure as plain data; it is compared with nothing."""
+    """Return a measured figure as plain data, without comparisons."""
     return {
         **picked(figure, "quantity", "axis", "value", "unit", "uncertainty", "degrees_of_freedom"),
         **picked(figure, "interval=estimate.interval", "test", "note"),
@@ -92,22 +92,22 @@ def figure_data(figure: MeasuredCharacteristic) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Characterisation(Result):
-    """What all tests of a stage gave."""
+    """Results of all tests of a stage."""
 
     table_key: ClassVar[str] = "characteristics"
 
     stage: str = ""
     """Stage file or name of a built-in design; empty where there is none."""
     origin: Literal["measured", "virtual"]
-    """Whether the records are measured or simulated."""
+    """Origin of the records: measured, or virtual for simulated ones."""
     results: tuple[TestResult, ...]
-    """What each test gave."""
+    """Results of the tests."""
     figures: tuple[MeasuredCharacteristic, ...]
     """One figure for each quantity and axis: that of the first test that gives it."""
     sources: Mapping[str, str] = field(default_factory=dict)
-    """SHA-256 of each file that was read, by its name."""
+    """SHA-256 of each file, by its name."""
     notes: tuple[str, ...] = ()
-    """Remarks that belong to every figure."""
+    """Remarks on all figures."""
 
     __repr__ = short_repr
 
@@ -121,7 +121,7 @@ class Characterisation(Result):
 
     @property
     def characteristics(self) -> Characteristics:
-        """The figures as rows of the table that an engineer quotes."""
+        """The figures as rows of a table of characteristics."""
         return Characteristics(
             replace(f.row, origin=self.origin, note=f.note or f"test '{f.test}'")
             for f in self.figures
@@ -132,31 +132,31 @@ class Characterisation(Result):
         for figure in self.figures:
             if (figure.quantity, figure.axis) == (quantity, axis):
                 return figure
-        given = ", ".join(sorted({f"{f.quantity} of {f.axis}" for f in self.figures})) or "nothing"
-        raise ModelError(f"no test gave {quantity} of axis '{axis}': there is {given}")
+        listed = ", ".join(sorted({f"{f.quantity} of {f.axis}" for f in self.figures})) or "nothing"
+        raise ModelError(f"no test measured {quantity} of axis '{axis}': available: {listed}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """How far one figure is above another."""
+    """Difference of one figure from another."""
 
     value: float
     """The difference, in the unit of the figures."""
     percent: float | None
-    """The same in percent of the reference; None where that is 0."""
+    """The difference in per cent of the reference; None where that is 0."""
     expanded: float | None
     """Expanded uncertainty of the difference at 95 %; None where neither figure has one."""
     significant: bool | None
-    """Whether the difference is larger than that; None where it cannot be said."""
+    """Whether the difference exceeds that; None without an uncertainty."""
 
 
 def difference(figure: Characteristic, reference: Characteristic) -> Difference:
     """Compare two figures of the same quantity.
 
     The difference is significant at 95 % where it exceeds its expanded uncertainty, with degrees of
-    freedom after Welch and Satterthwaite (JCGM 100:2008, G.4). A figure without uncertainty counts
-    as exact beside one that has one: of a model the verdict then asks whether the measurement
-    contradicts it, not by how much the model itself may be off.
+    freedom by Welch and Satterthwaite (JCGM 100:2008, G.4). A figure without uncertainty is exact
+    in a comparison with one that has one. For a model, the test then asks whether the measurement
+    contradicts it, not how large the error of the model itself may be.
 
     Examples
     --------
@@ -164,8 +164,8 @@ def difference(figure: Characteristic, reference: Characteristic) -> Difference:
     ...     value=337.0, unit="Hz", uncertainty=0.4, degrees_of_freedom=9.0)
     >>> model = Characteristic(quantity="natural_frequency_hz", axis="x", origin="solid",
     ...     value=320.9, unit="Hz")
-    >>> found = difference(measured, model)
-    >>> print(f"{found.percent:.1f} %, significant: {found.significant}")
+    >>> change = difference(measured, model)
+    >>> print(f"{change.percent:.1f} %, significant: {change.significant}")
     5.0 %, significant: True
     """
     if figure.quantity != reference.quantity:
@@ -178,8 +178,8 @@ def difference(figure: Characteristic, reference: Characteristic) -> Difference:
     parts = tuple(c.contribution for c in (figure, reference) if c.contribution is not None)
     if not parts:
         return Difference(value=value, percent=percent, expanded=None, significant=None)
-    whole = Estimate(value=value, unit=figure.unit, components=parts)
-    expanded = whole.coverage_factor * whole.uncertainty
+    total = Estimate(value=value, unit=figure.unit, components=parts)
+    expanded = total.coverage_factor * total.uncertainty
     return Difference(
         value=value, percent=percent, expanded=expanded, significant=bool(abs(value) > expanded)
     )
@@ -188,16 +188,16 @@ def difference(figure: Characteristic, reference: Characteristic) -> Difference:
 def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Characterisation:
     """Evaluate all tests of a campaign.
 
-    `load` gives the records of a test.
+    `load` returns the records of a test.
 
     Examples
     --------
     >>> from flexstage.stage.designs import design
     >>> from flexstage.virtual.as_built import as_built
     >>> from flexstage.experiments.virtual_campaign import virtual_campaign
-    >>> made = virtual_campaign(as_built(design("parallelogram"), seed=1), seed=1)
-    >>> found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
-    >>> stroke = found.figure("output_displacement", "x").estimate
+    >>> virtual = virtual_campaign(as_built(design("parallelogram"), seed=1), seed=1)
+    >>> result = evaluate(virtual.campaign, lambda test: [virtual.records[n] for n in test.records])
+    >>> stroke = result.figure("output_displacement", "x").estimate
     >>> print(f"{stroke.value * 1e6:.1f} um")
     200.1 um
     """
@@ -225,13 +225,13 @@ def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Charac
 
 
 def characterise(campaign: Campaign, folder: str | os.PathLike[str] = ".") -> Characterisation:
-    """Read the files of a campaign, named from a folder, and evaluate its tests.
+    """Read the files of a campaign, relative to a folder, and evaluate its tests.
 
-    What cannot be read or evaluated is named by its test.
+    Messages about errors name the test.
     """
     base = Path(folder)
     if not campaign.tests:
-        raise RecordError("the campaign has no test: describe one at least")
+        raise RecordError("the campaign has no test: describe at least one")
     return evaluate(campaign, lambda test: load_records(test, base))
 
 
@@ -239,5 +239,5 @@ def characterise_files(
     files: Sequence[str | os.PathLike[str]], request: CharacteriseRequest
 ) -> Characterisation:
     """Evaluate measured files as one test."""
-    found = characterise(Campaign.of_files([str(file) for file in files], request))
-    return replace(found, request=request)
+    result = characterise(Campaign.of_files([str(file) for file in files], request))
+    return replace(result, request=request)

@@ -1,20 +1,29 @@
-"""Commands that a plan asks for, each by its kind: what moves how, and for how long."""
+"""Excitations of a plan by their kind, and the record that identifies an axis of a stage."""
 
-from flexstage.experiments.excitations.cycles import Designed, EqualCycles, Falling
-from flexstage.experiments.excitations.responses import Blows, Chirp, Multisine
-from flexstage.experiments.excitations.rests import (
+from flexstage.experiments.excitations.continuous import (
+    Chirp,
+    DescendingLoops,
+    Designed,
+    EqualCycles,
+    HammerImpacts,
+    Multisine,
+    excitation_of,
+)
+from flexstage.experiments.excitations.stepwise import (
     BidirectionalTargets,
-    Corners,
-    Hold,
+    Dwell,
     RisingSteps,
+    WorkspaceCorners,
 )
 from flexstage.experiments.verbs.excite import Excite
 
-#: Commands by their kind.
+__all__ = ["EXCITATIONS", "excitation_of"]
+
+#: Excitations by their kind.
 EXCITATIONS: dict[str, type[Excite]] = {
-    made.kind: made
-    for made in (
-        EqualCycles, Falling, Designed, Multisine, Chirp, RisingSteps, Corners,
-        BidirectionalTargets, Hold, Blows,
+    excitation.kind: excitation
+    for excitation in (
+        EqualCycles, DescendingLoops, Designed, Multisine, Chirp, RisingSteps, WorkspaceCorners,
+        BidirectionalTargets, Dwell, HammerImpacts,
     )
 }  # fmt: skip

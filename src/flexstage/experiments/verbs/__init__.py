@@ -1,4 +1,4 @@
-"""What a step of a plan does with commands, records and models: one file a verb, one line here."""
+"""Verbs of a plan: one file for each, and one line here."""
 
 from flexstage.experiments.verb import Verb
 from flexstage.experiments.verbs.centre import Centre
@@ -9,7 +9,7 @@ from flexstage.experiments.verbs.identify import Identify
 from flexstage.experiments.verbs.measure import Measure
 from flexstage.experiments.verbs.verify import Verify
 
-#: Verbs by their words; the report has their sections in this order.
+#: Verbs by name; the report has their sections in this order.
 VERBS: dict[str, type[Verb]] = {
     verb.verb: verb
     for verb in (Excite, Measure, Characterise, Identify, Compensate, Verify, Centre)

@@ -1,4 +1,4 @@
-"""The verb *centre*: an encoder scale is centred with the stage on a simulated turning table."""
+"""Verb *centre*: the centring of an encoder scale with the stage on a simulated rotary table."""
 
 import json
 import math
@@ -47,15 +47,15 @@ _RESULT = Format(
     error=PlanError,
     finite=False,
     exact=True,
-    mend="remove the file, and the step is repeated when the run is continued with --resume",
+    mend="remove the file, and continue the run with --resume, which repeats the step",
 )
-_NOTES = ("table and heads are simulated; the scale is where the stage's sensors say that it is",)
+_NOTES = ("simulated table and heads; the position of the scale follows from the stage's sensors",)
 _UM = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Centre(Verb):
-    """Centres an encoder scale on a turning table; table and heads are simulated."""
+    """Centre an encoder scale on a rotary table; table and heads are simulated."""
 
     verb: ClassVar[str] = "centre"
     moving: ClassVar[bool] = True
@@ -63,25 +63,25 @@ class Centre(Verb):
     axes: tuple[str, str] = ("x", "y")
     """The two axes that carry the scale."""
     sensors: tuple[str, str] = ("x", "y")
-    """The sensors that read where they carry it."""
+    """The sensors of their positions."""
     radius: ScaleRadius = 50e-3
-    """Radius at which the scale is read [m]."""
+    """Radius of the scale at the heads [m]."""
     eccentricity: Annotated[tuple[float, float], DIMENSIONS["length"]] = (14e-6, -11e-6)
-    """Centre of the scale on the table when both axes are in their middle [m]."""
+    """Centre of the scale on the table with both axes at mid-range [m]."""
     heads: HeadAngles = (0.0, 1.6, 3.1, 4.8)
-    """Where the heads stand [rad]."""
+    """Angular positions of the heads [rad]."""
     mounting_angle: MountingAngle = 0.4
     """Angle of the stage on the table [rad]."""
     noise: Annotated[Angle, _SIZE] = 4.8e-6
     """Standard deviation of a head's reading [rad]."""
     target: Annotated[Length, _SIZE] = 0.1e-6
-    """Eccentricity that shall be reached [m]."""
+    """Target eccentricity [m]."""
     moves: Annotated[int, Range(low=1, high=100)] = 3
-    """The most moves towards the centre."""
+    """Largest number of moves towards the centre."""
     closed_loop: bool = True
-    """Whether the axes move under position control where they can."""
+    """Move the axes under position control where possible."""
     seed: Seed = 0
-    """Seed of the scale's errors and of the noise."""
+    """Random seed of the errors of the scale and of the noise."""
 
     def __post_init__(self) -> None:
         require_ranges(self, PlanError, self.verb)
@@ -94,7 +94,7 @@ class Centre(Verb):
             if two[0] == two[1]:
                 raise PlanError(f"centre needs two {what}, got '{two[0]}' twice")
         if not self.heads:
-            raise PlanError("centre needs one head at least, got none")
+            raise PlanError("centre needs at least one head, got none")
 
     def axis_of(self, plan: PlanLookup) -> str:
         del plan
@@ -111,7 +111,7 @@ class Centre(Verb):
         return PlannedStep(name=name, verb=self.verb, what=what)
 
     def table(self) -> "VirtualTable":
-        """Return the simulated table, whose scale has lines without errors."""
+        """Return the simulated table, whose scale has no graduation errors."""
         from flexstage.virtual.table import VirtualTable
 
         return VirtualTable(
@@ -124,10 +124,10 @@ class Centre(Verb):
 
     def run(self, context: RunContext, name: str) -> list[Path]:
         from flexstage.centring.procedure import centre
-        from flexstage.experiments.command import park
+        from flexstage.experiments.command import move_to_rest
         from flexstage.virtual.table import VirtualBench
 
-        park(context.instrument, self.axes)
+        move_to_rest(context.instrument, self.axes)
         first, second = (context.plan.sensor(s).channel for s in self.sensors)
         positioner = InstrumentPositioner(
             context.instrument,
@@ -139,9 +139,9 @@ class Centre(Verb):
         )
         positioner.to_middle()
         bench = VirtualBench(self.table(), positioner)
-        done = centre(bench.measure, positioner, target=self.target, moves=self.moves)
+        centring = centre(bench.measure, positioner, target=self.target, moves=self.moves)
         moves = []
-        for step, true in zip(done.steps, bench.true_lengths, strict=True):
+        for step, true in zip(centring.steps, bench.true_lengths, strict=True):
             length = step.reading.length
             moves.append(
                 CentredMove(
@@ -158,8 +158,8 @@ class Centre(Verb):
             name=name,
             axes=self.axes,
             target=self.target,
-            reached=done.reached,
-            reason=done.reason,
+            reached=centring.reached,
+            reason=centring.reason,
             moves=tuple(moves),
             notes=_NOTES,
         )
@@ -189,11 +189,11 @@ class Centre(Verb):
             rows = []
             for i, m in enumerate(step.moves):
                 lengths = (*m.command, m.length, m.uncertainty, m.predicted, m.true_length)
-                shown = ("" if length is None else f"{length * _UM:.3f}" for length in lengths)
-                rows.append((i, m.kind, *shown))
+                cells = ("" if length is None else f"{length * _UM:.3f}" for length in lengths)
+                rows.append((i, m.kind, *cells))
             words = (
                 f"Step {step.name}: target {step.target * _UM:.3g} µm; {step.reason}. The scale "
-                "and its heads are simulated, so the true one is known."
+                "and its heads are simulated, so the true eccentricity is known."
             )
             content += [words, table("", heads, rows, notes=step.notes)]
         return Section(title="Centring", key="centring", content=tuple(content))
@@ -201,66 +201,72 @@ class Centre(Verb):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CentredMove:
-    """One measurement of the eccentricity, and what was done before it."""
+    """One measurement of the eccentricity, with the move before it."""
 
     kind: str
     """``start``, ``trial`` or ``move``."""
     command: tuple[float, float]
-    """Commands of the axes, from the middle of their ranges [m]."""
+    """Commands of the axes, from mid-range [m]."""
     eccentricity: tuple[float, float]
-    """Centre of the scale that was measured then, x and y on the table [m]."""
+    """Measured centre of the scale after the move, x and y on the table [m]."""
     length: float
-    """Its distance from the centre [m]."""
+    """Measured eccentricity [m]."""
     uncertainty: float
-    """Expanded uncertainty of that at 95 % [m]."""
+    """Its expanded uncertainty at 95 % [m]."""
     predicted: float | None
-    """What the move was expected to leave [m]; None before the moves were known."""
+    """Expected eccentricity after the move [m]; None before the calibration of the moves."""
     true_length: float
-    """Where the centre of the simulated scale really was [m]."""
+    """True eccentricity of the simulated scale [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CentredStep(StepResult):
-    """A scale that was centred."""
+    """Result of a step of centre."""
 
     axes: tuple[str, str]
-    """The axes that moved it."""
+    """The axes that moved the scale."""
     target: float
-    """Eccentricity that was asked for [m]."""
+    """Target eccentricity [m]."""
     reached: bool
-    """Whether the upper end of the 95 % interval of what was measured last is below it."""
+    """Whether the upper end of the 95 % interval of the last measurement is below the target."""
     reason: str
-    """Why it ended."""
+    """Reason why the centring ended."""
     moves: tuple[CentredMove, ...]
-    """Every measurement and move."""
+    """All measurements and moves."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Notes for the report."""
 
     def plain(self, result: ResultLookup) -> dict[str, Any]:
         del result
-        own = asdict(self)
-        return {"axis": "".join(own.pop("axes")), **{k: own[k] for k in own if k != "name"}}
+        fields = asdict(self)
+        return {
+            "axis": "".join(fields.pop("axes")),
+            **{k: fields[k] for k in fields if k != "name"},
+        }
 
     @property
     def line(self) -> str:
         first, last = self.moves[0].length, self.moves[-1].length
-        return f"{self.name}: {_UM * first:.2f} um became {_UM * last:.3f} um: {self.reason}"
+        return (
+            f"{self.name}: eccentricity {_UM * first:.2f} um reduced to {_UM * last:.3f} um: "
+            f"{self.reason}"
+        )
 
 
-#: Uncertainty of a move in open loop, as a share of its length; of one under control [1].
+#: Relative uncertainty of a move in open loop, and under position control [1].
 _OPEN, _CLOSED = 0.05, 1e-4
 
 
 class InstrumentPositioner(Positioner):
-    """Two axes of an instrument, commanded in metres from the middle of their ranges.
+    """Two axes of an instrument, commanded in metres from mid-range.
 
-    A table below them is turned by `angle` [rad]. Every command is approached from below, so that
-    there is no backlash.
+    `angle` is the mounting angle on the table [rad]. Every command is approached from below, so
+    that there is no backlash.
 
     Notes
     -----
-    Validity: in open loop a command in metres is a share of the estimated stroke, and hysteresis is
-    part of the uncertainty of a move.
+    Validity: in open loop a command in metres is a fraction of the estimated stroke, and hysteresis
+    is part of the uncertainty of a move.
     """
 
     def __init__(
@@ -285,35 +291,35 @@ class InstrumentPositioner(Positioner):
             axis.go(value)
 
     def to_middle(self) -> None:
-        """Go to the middle of both ranges, and take what the sensors read there for zero."""
+        """Move to the middle of both ranges, and zero the readings there."""
         self.move_to(*(-a.half for a in self._axes))
         self.move_to(0.0, 0.0)
         self._middle = self._reading()
 
     def _reading(self) -> Array:
-        """Where the sensors see the platform [m], shape (2,)."""
-        # readings that are averaged, a millisecond apart: one period of the mains
+        """Return the mean position by the sensors [m], shape (2,)."""
+        # averaged readings, a millisecond apart: one period of the mains
         readings = 20
-        found = np.zeros(2)
+        total = np.zeros(2)
         for _ in range(readings):
-            found += [self._instrument.channel(number) for number in self._channels]
+            total += [self._instrument.channel(number) for number in self._channels]
             self._instrument.pause(1e-3)
-        return found / readings
+        return total / readings
 
     @property
     def true_position(self) -> Array:
-        """Where the sensors see the platform, from the middle, on the table [m], shape (2,)."""
+        """Position by the sensors, from mid-range, in coordinates of the table [m], shape (2,)."""
         return self._turn @ (self._reading() - self._middle)
 
 
 @dataclass(kw_only=True)
 class _InstrumentAxis(PositionerAxis):
-    """One axis: commands in metres from the middle, sent as positions or voltages."""
+    """One axis: commands in metres from mid-range, sent as positions or voltages."""
 
     instrument: Instrument
     setting: AxisSetting
     scale: float
-    """What a metre is in the unit of the command."""
+    """Units of the command per metre."""
 
     def go(self, command: float) -> None:
         low, high = self.setting.low, self.setting.high
@@ -327,13 +333,15 @@ class _InstrumentAxis(PositionerAxis):
 def _instrument_axis(
     instrument: Instrument, stage: Stage, name: str, closed_loop: bool
 ) -> _InstrumentAxis:
-    # smallest move of an axis with a piezo stack [m]
+    # resolution of an axis with a piezo stack [m]
     resolution = 5e-9
     if name not in instrument.axes:
         raise PlanError(has_no("the instrument", "axis", name, instrument.axes))
     axis = instrument.axes[name]
-    can = Capability.CLOSED_LOOP in axis.capabilities
-    setting = axis_setting(stage, name, closed_loop=closed_loop and can, limits=axis.limits)
+    controllable = Capability.CLOSED_LOOP in axis.capabilities
+    setting = axis_setting(
+        stage, name, closed_loop=closed_loop and controllable, limits=axis.limits
+    )
     prepare_loops(instrument, [name], setting.quantity)
     by_position = setting.quantity == "position"
     span, step = setting.high - setting.low, setting.smallest_step

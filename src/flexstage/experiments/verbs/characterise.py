@@ -1,4 +1,4 @@
-"""The verb *characterise*: records are evaluated as the tests that they are."""
+"""Verb *characterise*: the evaluation of records as tests."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -19,22 +19,22 @@ from flexstage.quantities.characteristic import MeasuredCharacteristic
 from flexstage.quantities.estimate import Component
 from flexstage.records import Channel, Record
 
-_SIMULATED = ("the instrument is a simulation: nothing was measured",)
+_SIMULATED = ("simulated instrument: these are not measured data",)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Characterise(Verb):
-    """Evaluates records as the tests that they are."""
+    """Evaluate records as tests."""
 
     verb: ClassVar[str] = "characterise"
     uses: ClassVar[tuple[str, ...]] = ("measure",)
 
     of: tuple[str, ...]
-    """Steps that measured, each with a kind of test."""
+    """Steps of measure, each with a kind of test."""
 
     def __post_init__(self) -> None:
         if not self.of:
-            raise PlanError("characterise needs one step at least that measures, got none")
+            raise PlanError("characterise needs at least one step of measure, got none")
         if twice := sorted({name for name in self.of if self.of.count(name) > 1}):
             raise PlanError(f"characterise names '{twice[0]}' twice: name it once")
 
@@ -43,25 +43,22 @@ class Characterise(Verb):
         return self.of
 
     def refused(self, name: str, other: str, used: Verb) -> str:
-        if said := Verb.refused(self, name, other, used):
-            return said
+        if message := Verb.refused(self, name, other, used):
+            return message
         if cast("Measure", used).test is None:
-            return (
-                f"step '{name}' evaluates '{other}', which does not say what kind of test it is: "
-                "give it 'test'"
-            )
+            return f"step '{name}' evaluates '{other}', which has no kind of test: give it 'test'"
         return ""
 
     def missing(self, name: str, before: Mapping[str, Verb]) -> str:
-        # cycles without which a motion and its drift cannot be told apart
+        # smallest number of cycles that separates a motion from its drift
         fewest_cycles = 3
         for other in self.of:
             record = cast("Measure", before[other])
             cycles = before[record.of].motion_cycles
             if record.test == "motion" and cycles is not None and cycles < fewest_cycles:
                 return (
-                    f"step '{name}' evaluates the motion '{other}', which needs {fewest_cycles} "
-                    f"cycles at least, got {cycles:g}"
+                    f"step '{name}' evaluates the motion '{other}', which needs at least "
+                    f"{fewest_cycles} cycles, got {cycles:g}"
                 )
         return ""
 
@@ -88,47 +85,46 @@ class Characterise(Verb):
                 return [record]
             return [corner_visits(record, test.columns.x or "", test.columns.y or "")]
 
-        found = evaluate(campaign, load)
-        ratios = tuple(_ratios(context, campaign, found))
-        return CharacterisedStep(name=name, found=found, ratios=ratios)
+        evaluation = evaluate(campaign, load)
+        ratios = tuple(_ratios(context, campaign, evaluation))
+        return CharacterisedStep(name=name, evaluation=evaluation, ratios=ratios)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CharacterisedStep(StepResult):
-    """Figures of tests."""
+    """Result of a step of characterise."""
 
-    found: Characterisation
-    """What the tests gave, with the curves behind each figure."""
+    evaluation: Characterisation
+    """Results of the tests, with the curves of each figure."""
     ratios: tuple[MeasuredCharacteristic, ...] = ()
-    """Motion of the platform over that of the drive, of the motions that were commanded in metres.
-    """
+    """Motion of the platform over that of the drive, for motions commanded in metres."""
 
     @property
     def tests(self) -> tuple[TestResult, ...]:
-        return self.found.results
+        return self.evaluation.results
 
     @property
     def sources(self) -> Mapping[str, str]:
-        return self.found.sources
+        return self.evaluation.sources
 
     @property
     def figures(self) -> tuple[MeasuredCharacteristic, ...]:
         """All figures, test by test."""
-        own = tuple(figure for result in self.found.results for figure in result.figures)
-        return (*own, *self.ratios)
+        measured = tuple(figure for result in self.evaluation.results for figure in result.figures)
+        return (*measured, *self.ratios)
 
     def plain(self, result: ResultLookup) -> dict[str, Any]:
         return {
             "figures": [result.plain_figure(f) for f in self.figures],
-            "notes": [f"{r.test.name}: {n}" for r in self.found.results for n in r.notes],
+            "notes": [f"{r.test.name}: {n}" for r in self.evaluation.results for n in r.notes],
         }
 
 
 def _ratios(
-    context: RunContext, campaign: Campaign, found: Characterisation
+    context: RunContext, campaign: Campaign, evaluation: Characterisation
 ) -> Iterator[MeasuredCharacteristic]:
-    """Give the ratio of each axis that a screw drives."""
-    for result in found.results:
+    """Yield the ratio of each axis that a screw drives."""
+    for result in evaluation.results:
         stroke = result.details.get("stroke")
         record = context.result_of(result.test.name, MeasuredStep).record
         if stroke is None or record.channel("command").unit != "m":
@@ -136,7 +132,7 @@ def _ratios(
         sensor = campaign.instrument(result.test.along)
         gain = stroke.gain.times(math.copysign(1.0, stroke.gain.value), "1")
         if sensor is not None:
-            # what a sensor is off by is a share of the stroke, and so of the ratio
+            # the relative error of the sensor is that of the stroke, and so of the ratio
             share = math.hypot(sensor.calibration, 0.5 * sensor.alignment**2)
             part = Component(name="sensitivity", uncertainty=share * gain.value, kind="B")
             gain = gain.plus(part)
@@ -145,40 +141,40 @@ def _ratios(
 
 
 def _test(context: RunContext, name: str) -> Test:
-    """Return the description of a test that a step has measured."""
-    action = cast("Measure", context.plan.action_of(name))
-    kind = KINDS[action.test or ""]
-    source = context.plan.action_of(action.of)
+    """Return the description of the test of a step of measure."""
+    step = cast("Measure", context.plan.action_of(name))
+    kind = KINDS[step.test or ""]
+    source = context.plan.action_of(step.of)
     axis = context.plan.axis_of(name)
-    roles = {r: s for r, s in action.roles.items() if r in (kind.sensors or ())}
-    given: dict[str, Any] = {**roles, **kind.beside}
+    roles = {r: s for r, s in step.roles.items() if r in (kind.sensors or ())}
+    columns: dict[str, Any] = {**roles, **kind.further_columns}
     excitation = "auto"
-    if action.test == "response":
+    if step.test == "response":
         excitation = source.response
-        outputs = action.output or ((axis,) if source.struck else ())
-        given["input"] = "force" if source.struck else "voltage"
-        given["output"] = tuple(map(RESPONSE.format, outputs)) if source.struck else outputs
+        outputs = step.output or ((axis,) if source.by_hammer else ())
+        columns["input"] = "force" if source.by_hammer else "voltage"
+        columns["output"] = tuple(map(RESPONSE.format, outputs)) if source.by_hammer else outputs
     return Test(
         name=name,
-        test=action.test or "",
+        test=step.test or "",
         axis=axis,
         records=(context.result_of(name, MeasuredStep).file.name,),
-        columns=Columns(**given),
-        along=action.along or action.x,
-        transverse=action.across or action.vertical,
-        angle=action.yaw or action.pitch or action.roll,
+        columns=Columns(**columns),
+        along=step.along or step.x,
+        transverse=step.across or step.vertical,
+        angle=step.yaw or step.pitch or step.roll,
         excitation=excitation,
-        **{f.name: getattr(action, f.name) for f in fields(Evaluation)},
+        **{f.name: getattr(step, f.name) for f in fields(Evaluation)},
     )
 
 
 def corner_visits(record: Record, x: str, y: str) -> Record:
-    """Average the readings of two sensors over each rest at a corner: a row for each visit."""
+    """Average the readings of two sensors over each dwell at a corner: one row for each visit."""
     number = record.channel("corner").values
     edges = np.flatnonzero(np.diff(number) != 0.0) + 1
     parts = [p for p in np.split(np.arange(number.size), edges) if p.size and number[p[0]] >= 0.0]
     if len(parts) < 2:
-        raise PlanError("the record shows no rest at a corner")
+        raise PlanError("the record contains no dwell at a corner")
     return Record(
         channels=(
             Channel(name="corner", values=np.array([number[p[0]] for p in parts]), unit="1"),

@@ -1,4 +1,4 @@
-"""The verb *compensate*: a reference, and the command that follows it by the inverse of a model."""
+"""Verb *compensate*: the command that follows a reference by the inverse of a model."""
 
 import math
 from dataclasses import dataclass, field
@@ -30,41 +30,41 @@ if TYPE_CHECKING:
     from flexstage.hysteresis import DriveModel
 
 
-#: Under which name the errors of learning are kept among the settings of a record.
+#: Setting of a record that contains the errors of learning.
 LEARNING = "learning errors [m]"
-#: And what a reader of its figures should know, a line each.
+#: Setting of a record that contains its notes, one per line.
 NOTES = "notes"
-#: Samples in a cycle, at least.
+#: Smallest number of samples in a cycle of a command.
 _SAMPLES_PER_CYCLE = 200
-#: A cycle that is compared has at least so many samples.
+#: Smallest number of samples in a compared cycle.
 _FEWEST = 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """Positions that shall be followed, over and over."""
+    """Reference positions of repeated cycles."""
 
     rate: Annotated[Frequency, Range(low=0.0, high=1e6, above=True)] = 1.0
-    """Cycles in a second [Hz]."""
+    """Frequency of the cycles [Hz]."""
     cycles: Count = 3
-    """How many are evaluated."""
+    """Number of evaluated cycles."""
     settle: CountOrZero = 3
-    """How many run before them."""
+    """Number of settling cycles before them."""
     shape: Literal["cosine", "triangle"] = "cosine"
-    """How each runs; a triangle has rounded corners."""
+    """Shape of a cycle; a triangle has rounded corners."""
     share: Annotated[float, Range(low=0.0, high=1.0, above=True)] = 0.99
-    """Range, as a share of what the model was identified on [1]."""
+    """Range of the reference over that of the identified model [1]."""
 
     def __post_init__(self) -> None:
         require_ranges(self, PlanError, "a reference")
 
     @property
     def duration(self) -> float:
-        """How long all of its cycles take [s]."""
+        """Duration of all cycles [s]."""
         return (self.cycles + self.settle) / self.rate
 
     def what(self, stroke: float) -> str:
-        """Say what is followed, of an axis that has a stroke [m]."""
+        """Return a description of the reference for an axis with a stroke [m]."""
         return f"{self.shape} of {1e6 * self.share * stroke:.1f} um about the middle"
 
 
@@ -72,32 +72,32 @@ class Reference:
 class ReferenceTrajectory:
     """A reference for the axis of a model."""
 
-    trajectory: "Trajectory"
+    one_period: "Trajectory"
     """One period."""
     model: "DriveModel"
     """The drive."""
     limits: AxisLimits
-    """Of the axis, the voltage no wider than the model allows."""
+    """Limits of the axis; the voltage range is within that of the model."""
     settle: int
-    """Periods before those that are evaluated."""
+    """Settling periods before the evaluated ones."""
     cycles: int
-    """Periods that are evaluated."""
+    """Evaluated periods."""
 
     @property
     def axis(self) -> str:
         """The axis."""
-        return self.trajectory.axes[0]
+        return self.one_period.axes[0]
 
     @property
     def positions(self) -> Array:
         """One period [m]."""
-        return np.asarray(self.trajectory.positions[self.axis], dtype=np.float64)
+        return np.asarray(self.one_period.positions[self.axis], dtype=np.float64)
 
 
 def reference_of(
     context: RunContext,
     model: str,
-    wanted: Reference,
+    reference: Reference,
     drive: "DriveModel | None" = None,
     *,
     controlled: bool = False,
@@ -105,34 +105,34 @@ def reference_of(
 ) -> ReferenceTrajectory:
     """Return the reference for the axis of the model that a step identified.
 
-    A drive is given where the zero of the model has moved since. Where the reference is followed
-    under control too, it keeps within the positions that may be commanded. The rate of its samples
-    [Hz] is that of the plan's commands where not given.
+    Give a `drive` where the zero of the model has shifted since. With `controlled` the reference
+    stays within the positions that may be commanded. The sample rate [Hz] is by default that of the
+    plan's commands.
     """
-    found = context.result_of(model, IdentifiedStep)
-    used = found.model if drive is None else drive
-    limits = context.instrument.axes[found.axis].limits
-    setting = axis_setting(context.stage, found.axis, limits=limits)
-    voltages, readings = settled_range(used, (setting.low, setting.high), wanted.rate)
+    identified = context.result_of(model, IdentifiedStep)
+    drive_model = identified.model if drive is None else drive
+    limits = context.instrument.axes[identified.axis].limits
+    setting = axis_setting(context.stage, identified.axis, limits=limits)
+    voltages, readings = settled_range(drive_model, (setting.low, setting.high), reference.rate)
     if controlled and limits.position is not None:
-        readings = _within(readings, limits.position, found.axis)
+        readings = _within(readings, limits.position, identified.axis)
     trajectory = reference_trajectory(
-        wanted,
-        found.axis,
+        reference,
+        identified.axis,
         readings,
         rate_hz or context.plan.defaults.command_rate,
         context.base_rate_hz,
     )
-    own = AxisLimits(
+    axis_limits = AxisLimits(
         position=limits.position, voltage=voltages, speed=limits.speed, slew=limits.slew,
         safe_voltage=min(max(limits.safe_voltage, voltages[0]), voltages[1]),
     )  # fmt: skip
     return ReferenceTrajectory(
-        trajectory=trajectory,
-        model=used,
-        limits=own,
-        settle=wanted.settle,
-        cycles=wanted.cycles,
+        one_period=trajectory,
+        model=drive_model,
+        limits=axis_limits,
+        settle=reference.settle,
+        cycles=reference.cycles,
     )
 
 
@@ -140,27 +140,26 @@ def _within(
     readings: tuple[float, float], position: tuple[float, float], axis: str
 ) -> tuple[float, float]:
     """Return the readings that may be commanded as positions."""
-    # share of the positions that may be commanded that is kept clear at each end
-    clear = 0.002
-    room = clear * (position[1] - position[0])
-    low, high = max(readings[0], position[0] + room), min(readings[1], position[1] - room)
+    # clearance at each end of the positions that may be commanded, over their range
+    clearance = 0.002 * (position[1] - position[0])
+    low, high = max(readings[0], position[0] + clearance), min(readings[1], position[1] - clearance)
     if not low < high:
         raise PlanError(
-            f"axis '{axis}' is controlled from {1e6 * position[0]:.4g} to {1e6 * position[1]:.4g} "
-            f"um, and its drive leads it from {1e6 * readings[0]:.4g} to {1e6 * readings[1]:.4g} "
-            "um: look at the zero of its sensor"
+            f"axis '{axis}' can be commanded from {1e6 * position[0]:.4g} to "
+            f"{1e6 * position[1]:.4g} um, but its drive reaches {1e6 * readings[0]:.4g} to "
+            f"{1e6 * readings[1]:.4g} um: check the zero of its sensor"
         )
     return low, high
 
 
 def joined(
-    course: ReferenceTrajectory, lead_in: Waveform, voltage: Waveform, notes: tuple[str, ...]
+    trajectory: ReferenceTrajectory, lead_in: Waveform, voltage: Waveform, notes: tuple[str, ...]
 ) -> CommandWaveform:
-    """Return voltages over all periods, after those that condition the drive."""
-    axis, period = course.axis, course.positions
+    """Return the voltages over all periods, after those that condition the drive."""
+    axis, period = trajectory.axis, trajectory.positions
     before = lead_in.values[axis]
     values = np.concatenate((before, voltage.values[axis], voltage.values[axis][-1:]))
-    periods = course.settle + course.cycles
+    periods = trajectory.settle + trajectory.cycles
     reference = np.concatenate(
         (np.full(before.size, period[0]), np.tile(period, periods), period[:1])
     )
@@ -168,7 +167,7 @@ def joined(
         waveform=Waveform(
             values={axis: values}, sample_rate_hz=voltage.sample_rate_hz, quantity="voltage"
         ),
-        first=before.size + course.settle * period.size,
+        first=before.size + trajectory.settle * period.size,
         period=period.size,
         reference={axis: reference},
         notes=notes,
@@ -178,17 +177,17 @@ def joined(
 def settled_range(
     model: "DriveModel", voltage_range: tuple[float, float], rate_hz: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the voltages that a model may be asked for, and the readings that they lead to."""
-    # cycles after which the model repeats itself
+    """Return the voltage range of a model, and the range of readings over it."""
+    # cycles after which the response of the model is periodic
     steady = 4
     low, high = voltage_range
     if model.validity is not None:
-        own = model.validity.input_range
-        low, high = max(low, own[0]), min(high, own[1])
+        identified = model.validity.input_range
+        low, high = max(low, identified[0]), min(high, identified[1])
     if not low < high:
         raise PlanError(
-            f"the drive takes {voltage_range[0]:g} to {voltage_range[1]:g} V, and its model was "
-            "identified outside of it: identify it again"
+            f"the voltage range of the drive is {voltage_range[0]:g} to {voltage_range[1]:g} V, "
+            "and its model was identified outside this range: identify it again"
         )
     n = _SAMPLES_PER_CYCLE
     swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(steady * n) / n)
@@ -197,7 +196,7 @@ def settled_range(
     return (low, high), (float(late.min()), float(late.max()))
 
 
-def reference_rate(wanted: Reference, sample_rate_hz: float, base_rate_hz: float) -> float:
+def reference_rate(reference: Reference, sample_rate_hz: float, base_rate_hz: float) -> float:
     """Return the rate of samples of a reference.
 
     Examples
@@ -206,30 +205,30 @@ def reference_rate(wanted: Reference, sample_rate_hz: float, base_rate_hz: float
     1000.0
     """
     rate = base_rate_hz / max(
-        math.floor(base_rate_hz / max(sample_rate_hz, _SAMPLES_PER_CYCLE * wanted.rate)), 1
+        math.floor(base_rate_hz / max(sample_rate_hz, _SAMPLES_PER_CYCLE * reference.rate)), 1
     )
-    samples = rate / wanted.rate
+    samples = rate / reference.rate
     if not _is_whole(samples):
         raise PlanError(
-            f"a reference of {wanted.rate:g} Hz has no whole number of samples at {rate:g} Hz, 20 "
-            "at least: choose another rate"
+            f"a cycle of the reference at {reference.rate:g} Hz needs an integer number of "
+            f"samples, at least 20: {rate:g} Hz gives {samples:g}; choose another rate"
         )
-    require_size(samples * (wanted.cycles + wanted.settle), "reference")
+    require_size(samples * (reference.cycles + reference.settle), "reference")
     return rate
 
 
-def require_whole_cycles(name: str, wanted: Reference, rate: float) -> None:
-    """Refuse a rate of samples [Hz] at which cycles cannot be compared."""
-    samples = rate / wanted.rate
+def require_whole_cycles(name: str, reference: Reference, rate: float) -> None:
+    """Refuse a sample rate [Hz] at which cycles cannot be compared."""
+    samples = rate / reference.rate
     if not _is_whole(samples):
         raise PlanError(
-            f"step '{name}' compares cycles, which need a whole number of samples, "
-            f"{_FEWEST:g} at least: {rate:g} Hz gives {samples:g}; choose another rate"
+            f"step '{name}' compares cycles, which need an integer number of samples, at least "
+            f"{_FEWEST:g}: {rate:g} Hz gives {samples:g}; choose another rate"
         )
 
 
 def reference_trajectory(
-    wanted: Reference,
+    reference: Reference,
     axis: str,
     readings: tuple[float, float],
     sample_rate_hz: float,
@@ -238,11 +237,11 @@ def reference_trajectory(
     """Return one period of a reference."""
     from flexstage.control import sine, triangle
 
-    rate = reference_rate(wanted, sample_rate_hz, base_rate_hz)
+    rate = reference_rate(reference, sample_rate_hz, base_rate_hz)
     middle = 0.5 * (readings[0] + readings[1])
-    half = 0.5 * wanted.share * (readings[1] - readings[0])
-    make = triangle if wanted.shape == "triangle" else sine
-    return make(axis, middle - half, middle + half, wanted.rate, sample_rate_hz=rate)
+    half = 0.5 * reference.share * (readings[1] - readings[0])
+    make = triangle if reference.shape == "triangle" else sine
+    return make(axis, middle - half, middle + half, reference.rate, sample_rate_hz=rate)
 
 
 def _is_whole(samples: float) -> bool:
@@ -251,36 +250,36 @@ def _is_whole(samples: float) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compensate(Verb):
-    """Makes the command by which an axis follows a reference, from the inverse of its model.
+    """Compute the command by which an axis follows a reference, by the inverse of its model.
 
     Notes
     -----
-    Validity: the zero of the sensor is that of the record from which the model was identified. What
-    the stage has crept and drifted since is an offset; `Verify` measures it, and takes it off.
+    Validity: the zero of the sensor is that of the record from which the model was identified.
+    Creep and drift since then are an offset, which `Verify` measures and corrects.
     """
 
     verb: ClassVar[str] = "compensate"
     uses: ClassVar[tuple[str, ...]] = ("identify",)
 
     model: str
-    """The step that identified it."""
+    """The step that identified the model."""
     reference: Reference = field(default_factory=Reference)
-    """What shall be followed."""
+    """The reference."""
 
     @property
     def needs(self) -> tuple[str, ...]:
         return (self.model,)
 
     def preview(self, context: PlanContext, name: str) -> PlannedStep:
-        wanted = self.reference
-        reference_rate(wanted, context.plan.defaults.command_rate, context.base_rate_hz)
+        reference = self.reference
+        reference_rate(reference, context.plan.defaults.command_rate, context.base_rate_hz)
         stroke = estimated_stroke(context.stage, self.axis_of(context.plan))
         return PlannedStep(
             name=name,
             verb=self.verb,
-            what=f"{wanted.what(stroke)}, {wanted.rate:g} Hz",
-            command_duration=wanted.duration,
-            notes=("the voltages follow from the model that is identified",),
+            what=f"{reference.what(stroke)}, {reference.rate:g} Hz",
+            command_duration=reference.duration,
+            notes=("the voltages depend on the model, which is not identified yet",),
         )
 
     def result(
@@ -289,47 +288,47 @@ class Compensate(Verb):
         from flexstage.control import compensate
 
         del files, now
-        course = reference_of(context, self.model, self.reference)
-        axis = course.axis
-        made = compensate(
-            {axis: course.model},
-            course.trajectory,
-            periods=course.settle + course.cycles,
-            limits={axis: course.limits},
+        trajectory = reference_of(context, self.model, self.reference)
+        axis = trajectory.axis
+        inverse = compensate(
+            {axis: trajectory.model},
+            trajectory.one_period,
+            periods=trajectory.settle + trajectory.cycles,
+            limits={axis: trajectory.limits},
         )
-        command = joined(course, made.lead_in, made.voltage, made.notes)
+        command = joined(trajectory, inverse.lead_in, inverse.voltage, inverse.notes)
         context.commands[name] = command
         values, rate = command.values[axis], command.waveform.sample_rate_hz
-        # from rest, through all that comes before
-        predicted = course.model.simulate(values, 1.0 / rate)
-        kept = slice(made.lead_in.size, None)
+        # from rest, including the lead-in
+        predicted = trajectory.model.simulate(values, 1.0 / rate)
+        after_lead_in = slice(inverse.lead_in.size, None)
         return CompensatedStep(
             name=name,
             axis=axis,
-            time=np.arange(values.size - made.lead_in.size) / rate,
-            reference=command.reference[axis][kept],
-            voltage=values[kept],
-            predicted=predicted[kept],
-            notes=made.notes,
+            time=np.arange(values.size - inverse.lead_in.size) / rate,
+            reference=command.reference[axis][after_lead_in],
+            voltage=values[after_lead_in],
+            predicted=predicted[after_lead_in],
+            notes=inverse.notes,
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CompensatedStep(StepResult):
-    """A command that was made from the inverse of a model."""
+    """A command by the inverse of a model."""
 
     axis: str
     """The axis."""
     time: Array
     """Times [s], shape (n,)."""
     reference: Array
-    """What shall be followed [m], shape (n,)."""
+    """The reference [m], shape (n,)."""
     voltage: Array
     """The command [V], shape (n,)."""
     predicted: Array
-    """What the model says will come [m], shape (n,)."""
+    """Prediction of the model [m], shape (n,)."""
     notes: tuple[str, ...] = ()
-    """What was changed."""
+    """Changes."""
 
     def plain(self, result: ResultLookup) -> dict[str, Any]:
         del result

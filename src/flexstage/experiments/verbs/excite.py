@@ -1,4 +1,4 @@
-"""The verb *excite*: a command of one axis or two is designed."""
+"""Verb *excite*: the design of a command of one axis or two."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,13 +27,13 @@ from flexstage.instruments.limits import check_waveform
 from flexstage.instruments.protocol import Waveform
 from flexstage.stage.limits import AxisLimits
 
-#: What stands for above nothing.
+#: Smallest positive value.
 TINY = 1e-12
 SOME = Range(low=TINY, high=1e6)
 NONE_OR_SOME = Range(low=0.0, high=1e6)
-#: Of a largest slew or speed, this share is used.
+#: Fraction of the largest slew or speed that commands use.
 OF_RATE = 0.8
-#: Cycles, and lines of small sines, need this many samples.
+#: Smallest number of samples of a cycle, and of a period of the highest line.
 SAMPLES_PER_CYCLE = 10.0
 
 
@@ -41,9 +41,9 @@ SAMPLES_PER_CYCLE = 10.0
 class Excite(Verb):
     """A command of one axis or two.
 
-    Ends and places are shares of what the axis may do, from 0 at its low end to 1 at its high end:
-    of the voltage of a piezo stack, of the travel of a screw, and under position control of the
-    positions that the axis reaches.
+    Ends and positions are fractions of a range, from 0 at its low end to 1 at its high end: of the
+    voltage of a piezo stack, the travel of a screw, and under position control the reachable
+    positions of the axis.
     """
 
     verb: ClassVar[str] = "excite"
@@ -53,17 +53,17 @@ class Excite(Verb):
         require_ranges(self, PlanError, self.kind)
 
     @property
-    def moved(self) -> tuple[str, ...]:
+    def moved_axes(self) -> tuple[str, ...]:
         """The axes that it moves."""
-        own = getattr(self, "axis", None)
-        return (own,) if own is not None else tuple(getattr(self, "axes", ()))
+        axis = getattr(self, "axis", None)
+        return (axis,) if axis is not None else tuple(getattr(self, "axes", ()))
 
     def axis_of(self, plan: PlanLookup) -> str:
         del plan
-        return "".join(self.moved)
+        return "".join(self.moved_axes)
 
     def settings(self, context: PlanContext) -> dict[str, AxisSetting]:
-        """Return what its axes allow."""
+        """Return the limits of its axes."""
         return {
             axis: axis_setting(
                 context.stage,
@@ -72,7 +72,7 @@ class Excite(Verb):
                 limits=context.limits(axis),
                 natural_frequency_hz=context.frequency,
             )
-            for axis in self.moved
+            for axis in self.moved_axes
         }
 
     def command(
@@ -82,17 +82,17 @@ class Excite(Verb):
         *,
         base_rate_hz: float = BASE_RATE_HZ,
     ) -> Command:
-        """Return what is run.
+        """Return the command.
 
-        A faster rate is taken for small sines; every rate is a whole part of the base rate, the
-        highest of the instrument [Hz].
+        Small sines have a higher sample rate. Every rate is an integer fraction of the base rate,
+        the highest of the instrument [Hz].
 
         Examples
         --------
-        >>> from flexstage.experiments.excitations import EqualCycles
+        >>> from flexstage.experiments.excitations.continuous import EqualCycles
         >>> x = AxisSetting(axis="x", quantity="voltage", low=0.0, high=120.0)
-        >>> made = EqualCycles(axis="x", rate=0.5, cycles=3).command({"x": x}, 1000.0)
-        >>> made.duration, made.first, float(made.values["x"].max())
+        >>> command = EqualCycles(axis="x", rate=0.5, cycles=3).command({"x": x}, 1000.0)
+        >>> command.duration, command.first, float(command.values["x"].max())
         (8.001, 2000, 120.0)
         """
         return self.samples(settings, sample_rate_hz, base_rate_hz)
@@ -100,33 +100,33 @@ class Excite(Verb):
     def samples(
         self, settings: Mapping[str, AxisSetting], sample_rate_hz: float, base_rate_hz: float
     ) -> CommandWaveform:
-        """Return its samples, no more than fit into memory."""
+        """Return its samples; refuse more than fit into memory."""
         fs = whole_part(sample_rate_hz, base_rate_hz)
-        made = self.design([settings[axis] for axis in self.moved], fs, base_rate_hz)
-        require_size(made.waveform.size, self.kind)
-        return made
+        command = self.design([settings[axis] for axis in self.moved_axes], fs, base_rate_hz)
+        require_size(command.waveform.size, self.kind)
+        return command
 
     def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
-        """Return its samples at a rate and the highest of the instrument [Hz]."""
+        """Return its samples at a sample rate, given the highest of the instrument [Hz]."""
         raise NotImplementedError
 
     def preview(self, context: PlanContext, name: str) -> PlannedStep:
         settings = self.settings(context)
         rate = context.plan.defaults.command_rate
-        made = self.samples(settings, rate, context.base_rate_hz)
+        command = self.samples(settings, rate, context.base_rate_hz)
         problem = ""
         try:
-            check_waveform({a: _limits(s) for a, s in settings.items()}, made.waveform)
+            check_waveform({a: _limits(s) for a, s in settings.items()}, command.waveform)
         except LimitError as error:
             problem = str(error)
         return PlannedStep(
             name=name,
             verb=self.verb,
-            what=f"{self.kind} of {', '.join(self.moved)}",
-            command_duration=made.duration,
-            samples=made.waveform.size,
-            motions=tuple(_motion(made.waveform, s) for s in settings.values()),
-            notes=made.notes,
+            what=f"{self.kind} of {', '.join(self.moved_axes)}",
+            command_duration=command.duration,
+            samples=command.waveform.size,
+            motions=tuple(_motion(command.waveform, s) for s in settings.values()),
+            notes=command.notes,
             problem=problem,
         )
 
@@ -135,35 +135,35 @@ class Excite(Verb):
     ) -> "CommandedStep":
         del files, now
         rate = context.plan.defaults.command_rate
-        made = self.command(self.settings(context), rate, base_rate_hz=context.base_rate_hz)
-        context.commands[name] = made
+        command = self.command(self.settings(context), rate, base_rate_hz=context.base_rate_hz)
+        context.commands[name] = command
         return CommandedStep(
             name=name,
-            axis="".join(self.moved),
+            axis="".join(self.moved_axes),
             kind=self.kind,
-            time=made.time,
-            values=made.values,
-            unit=made.unit,
-            notes=made.notes,
+            time=command.time,
+            values=command.values,
+            unit=command.unit,
+            notes=command.notes,
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CommandedStep(StepResult):
-    """A command that was designed."""
+    """Result of a step of excite."""
 
     axis: str
     """The axis, or both such as ``xy``."""
     kind: str
     """Kind of the command."""
     time: Array
-    """Times of its samples [s], shape (n,); empty of blows."""
+    """Times of its samples [s], shape (n,); empty for hammer impacts."""
     values: Mapping[str, Array]
     """Its samples by axis [V or m], each of shape (n,)."""
     unit: str
     """Unit of the samples."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Notes for the report."""
 
     def plain(self, result: ResultLookup) -> dict[str, Any]:
         del result
@@ -177,14 +177,14 @@ class CommandedStep(StepResult):
 def require_stack(setting: AxisSetting, what: str) -> None:
     """Refuse a command that only a piezo stack in open loop can follow."""
     if setting.quantity != "voltage":
-        raise PlanError(f"{what} for a piezo stack, and axis '{setting.axis}' has none")
+        raise PlanError(f"{what} only for a piezo stack, and axis '{setting.axis}' has none")
 
 
 def require_span(kind: str, low: float, high: float) -> None:
-    """Refuse ends that are no shares of a range."""
+    """Refuse ends that are not fractions of a range."""
     if not 0.0 <= low < high <= 1.0:
         raise PlanError(
-            f"{kind} must run from a low to a high share between 0 and 1, got {low:g} to {high:g}"
+            f"low and high of {kind} must be rising fractions from 0 to 1, got {low:g} and {high:g}"
         )
 
 
@@ -197,7 +197,7 @@ def command_of(setting: AxisSetting, values: Array, rate: float, **more: Any) ->
 
 
 def whole_part(rate_hz: float, base_rate_hz: float) -> float:
-    """Return the rate nearest to another that is a whole part of the highest one.
+    """Return the integer fraction of the highest rate that is nearest to a rate.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The verb *identify*: the model of a drive is found in records."""
+"""Verb *identify*: the identification of a drive from records."""
 
 import datetime
 from collections.abc import Mapping, Sequence
@@ -27,40 +27,40 @@ if TYPE_CHECKING:
     from flexstage.hysteresis import DriveModel
     from flexstage.instruments.catalogue.entries import ModelEntry, StageEntry
 
-#: Share of a record, from its start, that the largest deviation leaves out: it remembers what was
-#: before the record.
+#: Fraction of a record, from its start, that the largest deviation ignores: there the state of the
+#: drive depends on the motion before the record.
 SETTLED = 0.1
 _UM = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identify(Verb, IdentifyRequest):
-    """Finds the model of a drive in records."""
+    """Identify the model of a drive from records."""
 
     verb: ClassVar[str] = "identify"
     uses: ClassVar[tuple[str, ...]] = ("measure", "characterise")
 
     of: tuple[str, ...]
-    """Steps that measured the same axis."""
+    """Steps of measure of the same axis."""
     output: str
-    """The sensor that follows the drive."""
+    """The sensor of the output of the drive."""
     model: tuple[str, ...] = ("preisach",)
-    """Models of hysteresis that are tried; the simplest that is as good as the best is taken."""
+    """Candidate models of hysteresis; the simplest that is equivalent to the best is selected."""
     characterised_by: str | None = None
-    """The step of characterise that found natural frequency and damping of the axis with its drive
-    in place; looked for in the records where neither it nor the resonance is given.
+    """The step of characterise with natural frequency and damping of the axis with its drive in
+    place. Without it and without a known resonance, these are identified from the records.
     """
 
     def __post_init__(self) -> None:
         from flexstage.hysteresis.identification.model_fit import selected_models
 
         if not self.of:
-            raise PlanError("identify needs a step that measures at least")
+            raise PlanError("identify needs at least one step of measure, got none")
         selected_models(self.model)
         require_fields(self, IdentifyRequest, PlanError, " of identify")
         if self.known.resonance is not None and self.characterised_by is not None:
             raise PlanError(
-                "identify has a known resonance, and 'characterised_by' names a step that found "
+                "identify has a known resonance, and 'characterised_by' names a step that measures "
                 "one: give one of them"
             )
 
@@ -73,12 +73,12 @@ class Identify(Verb, IdentifyRequest):
         return (self.output,)
 
     def refused(self, name: str, other: str, used: Verb) -> str:
-        if said := Verb.refused(self, name, other, used):
-            return said
+        if message := Verb.refused(self, name, other, used):
+            return message
         if (used.verb == "characterise") != (other == self.characterised_by):
             return (
-                f"step '{name}' of identify takes records from steps of measure and its resonance "
-                f"from one of characterise ('characterised_by'), got '{other}' of {used.verb}"
+                f"step '{name}' of identify needs records from steps of measure, and its resonance "
+                f"from a step of characterise ('characterised_by'), got '{other}' of {used.verb}"
             )
         return ""
 
@@ -86,7 +86,7 @@ class Identify(Verb, IdentifyRequest):
         for other in self.of:
             if self.output not in before[other].reads(before):
                 return (
-                    f"step '{name}' identifies by the sensor '{self.output}', which step "
+                    f"step '{name}' identifies the output of sensor '{self.output}', which step "
                     f"'{other}' does not record: add it there under 'also'"
                 )
         return ""
@@ -95,25 +95,25 @@ class Identify(Verb, IdentifyRequest):
         from flexstage.hysteresis import ModelFile, identify, model_text
 
         steps = [context.result_of(step, MeasuredStep) for step in self.of]
-        found = identify(
+        identified = identify(
             [step.evaluated for step in steps],
             "command",
             self.output,
             self._request(context),
         )
-        errors = {"rms": found.rms_percent, "max": found.max_percent}
-        if found.heldout_rms_percent is not None:
-            errors["held-out rms"] = found.heldout_rms_percent
-        if found.heldout_max_percent is not None:
-            errors["held-out max"] = found.heldout_max_percent
-        made = provenance(found.model, {"plan": context.run.plan, "step": name})
+        errors = {"rms": identified.rms_percent, "max": identified.max_percent}
+        if identified.heldout_rms_percent is not None:
+            errors["held-out rms"] = identified.heldout_rms_percent
+        if identified.heldout_max_percent is not None:
+            errors["held-out max"] = identified.heldout_max_percent
+        origin = provenance(identified.model, {"plan": context.run.plan, "step": name})
         file = ModelFile(
-            model=found.model,
+            model=identified.model,
             errors=errors,
-            warnings=found.warnings,
+            warnings=identified.warnings,
             provenance={
-                "version": made.version,
-                "created": made.created,
+                "version": origin.version,
+                "created": origin.created,
                 "stage": context.stage.name,
                 "serial_number": context.run.serial_number,
                 "axis": self.axis_of(context.plan),
@@ -129,17 +129,17 @@ class Identify(Verb, IdentifyRequest):
         return [target]
 
     def _request(self, context: RunContext) -> IdentifyRequest:
-        """Return what is asked for, with the mode that was measured in place."""
-        asked = {f.name: getattr(self, f.name) for f in fields(IdentifyRequest)}
+        """Return the request, with the mode that was measured with the drives in place."""
+        options = {f.name: getattr(self, f.name) for f in fields(IdentifyRequest)}
         if self.characterised_by is not None:
-            found = context.result_of(self.characterised_by, CharacterisedStep).found
+            modes = context.result_of(self.characterised_by, CharacterisedStep).evaluation
             axis = self.axis_of(context.plan)
-            asked["known"] = replace(
+            options["known"] = replace(
                 self.known,
-                resonance=found.figure("natural_frequency_hz", axis).value,
-                damping=found.figure("damping_ratio", axis).value,
+                resonance=modes.figure("natural_frequency_hz", axis).value,
+                damping=modes.figure("damping_ratio", axis).value,
             )
-        return IdentifyRequest(**asked)
+        return IdentifyRequest(**options)
 
     def result(
         self, context: RunContext, name: str, files: list[Path], *, now: bool
@@ -152,7 +152,7 @@ class Identify(Verb, IdentifyRequest):
         voltage = record.channel("command").values
         measured = record.channel(self.output).values
         dt = 1.0 / record.sample_rate_hz
-        # what was before the record is taken to be cycles over the whole range
+        # assumption: cycles over the full range precede the record
         modelled = read.model.simulate(voltage, dt, read.model.conditioned())
         late = slice(int(SETTLED * voltage.size), None)
         modelled = modelled + float(np.mean(measured[late] - modelled[late]))
@@ -175,16 +175,20 @@ class Identify(Verb, IdentifyRequest):
     def section(steps: "Sequence[IdentifiedStep]", result: ResultLookup) -> Section:
         heads = (
             Column("Step", "title"), "Axis", "<Model", "<Errors [% of the stroke]",
-            "Largest deviation [µm]", "published [µm]",
+            "Largest deviation [µm]", "Published [µm]",
         )  # fmt: skip
         rows = []
         for step in steps:
-            # the study's own model is a Bouc-Wen model: no other is set beside what it printed
-            known = measured_value(result.stage.published, "hysteresis_deviation", step.axis)
-            beside = f"{_UM * known:.10g}" if known is not None and step.kind == "bouc-wen" else ""
+            # the published model is a Bouc-Wen model: others are not compared with it
+            published = measured_value(result.stage.published, "hysteresis_deviation", step.axis)
+            reference = (
+                f"{_UM * published:.10g}"
+                if published is not None and step.kind == "bouc-wen"
+                else ""
+            )
             errors = "; ".join(f"{name} {value:.3g}" for name, value in step.errors_percent.items())
             deviation = number(_UM * step.deviation)
-            rows.append((step.name, step.axis, step.kind, errors, deviation, beside))
+            rows.append((step.name, step.axis, step.kind, errors, deviation, reference))
         pictures = (
             Picture(
                 result=step,
@@ -204,7 +208,7 @@ class Identify(Verb, IdentifyRequest):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class IdentifiedStep(StepResult):
-    """A model that was identified."""
+    """Result of a step of identify."""
 
     axis: str
     """The axis."""
@@ -215,25 +219,23 @@ class IdentifiedStep(StepResult):
     file: Path
     """Its file."""
     errors_percent: Mapping[str, float]
-    """Errors of the fit by what they are, over the stroke [%]."""
+    """Errors of the fit by name, over the stroke [%]."""
     time: Array
-    """Times of the record that it was identified from, the last of them where there were several
-    [s], shape (n,).
-    """
+    """Times of the last identified record [s], shape (n,)."""
     voltage: Array
-    """Command there [V], shape (n,)."""
+    """Command of that record [V], shape (n,)."""
     measured: Array
-    """Reading there [m], shape (n,)."""
+    """Reading of that record [m], shape (n,)."""
     modelled: Array
-    """What the model says there [m], its mean set to that of the reading, shape (n,)."""
+    """Output of the model for that record [m], with the mean of the reading, shape (n,)."""
     deviation: float
     """Largest difference of reading and model, after the first tenth of the record [m]."""
     warnings: tuple[str, ...] = ()
-    """What the records cannot tell."""
+    """Warnings of the identification."""
 
     @property
     def settled(self) -> float:
-        """Time at which the record has forgotten what was before it [s]."""
+        """Time after which the record does not depend on the motion before it [s]."""
         return float(self.time[int(SETTLED * self.time.size)])
 
     def plain(self, result: ResultLookup) -> dict[str, Any]:
@@ -253,17 +255,17 @@ class IdentifiedStep(StepResult):
     ) -> "ModelEntry":
         from flexstage.instruments.catalogue.entries import ModelEntry
 
-        action = cast("Identify", context.plan.action_of(self.name))
+        step = cast("Identify", context.plan.action_of(self.name))
         # the last record that it was identified from
-        record = context.result_of(action.of[-1], MeasuredStep).file
-        made = datetime.datetime.fromtimestamp(self.file.stat().st_mtime, datetime.UTC)
+        record = context.result_of(step.of[-1], MeasuredStep).file
+        created = datetime.datetime.fromtimestamp(self.file.stat().st_mtime, datetime.UTC)
         return ModelEntry(
             kind=self.kind,
             file=str(self.file.resolve()),
             axis=self.axis,
             figures={f"{k} [%]": v for k, v in self.errors_percent.items()},
             stage=stage,
-            created=made,
+            created=created,
             run=runs.get(record.relative_to(context.folder).as_posix(), ""),
             sha256=file_hash(self.file),
         )

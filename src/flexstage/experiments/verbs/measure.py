@@ -1,4 +1,4 @@
-"""The verb *measure*: a command is run, and what sensors read is recorded."""
+"""Verb *measure*: the run of a command, with a record of the sensors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,41 +30,39 @@ _TESTS = tuple(name for name, kind in KINDS.items() if kind.sensors is not None)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recording(Verb):
-    """Moves the stage, and records what sensors read."""
+    """Base class of steps that move the stage and record sensors."""
 
     moving: ClassVar[bool] = True
 
     sample_rate: Annotated[Frequency, Range(low=1e-3, high=1e7)] | None = None
-    """Rate of samples [Hz]; that of the plan where not given."""
+    """Sample rate [Hz] (default: that of the plan)."""
 
     def rate(self, plan: PlanLookup) -> float:
-        """Return the rate of samples [Hz]."""
+        """Return the sample rate [Hz]."""
         return self.sample_rate or plan.defaults.sample_rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measure(Recording, Roles, Evaluation):
-    """Runs a command, and records what sensors read."""
+    """Run a command, and record sensors."""
 
     verb: ClassVar[str] = "measure"
     uses: ClassVar[tuple[str, ...]] = ("excite", "compensate")
 
     of: str
-    """The earlier step whose command is run."""
+    """The earlier step of the command."""
     test: str | None = None
-    """Kind of test that the record is, as `characterise` takes it; none where it is only used to
-    identify.
-    """
+    """Kind of test, for `characterise`; none for a record that is used only to identify."""
     output: tuple[str, ...] = ()
-    """Of a response: the sensors that follow. Of a blow: the axes whose acceleration is read."""
+    """Of a response: sensors of the output. With hammer impacts: axes of the accelerometers."""
     also: tuple[str, ...] = ()
     """Further sensors to record."""
 
     def __post_init__(self) -> None:
         if self.test is not None and self.test not in _TESTS:
-            known = "cannot be made here" if self.test in KINDS else "is not known"
+            reason = "is not possible in a plan" if self.test in KINDS else "is unknown"
             raise PlanError(
-                f"the kind of test '{self.test}' {known}: choose from {', '.join(_TESTS)}"
+                f"the kind of test '{self.test}' {reason}: choose from {', '.join(_TESTS)}"
             )
         self.require(PlanError, self.verb)
 
@@ -73,8 +71,8 @@ class Measure(Recording, Roles, Evaluation):
         return (self.of,)
 
     def reads(self, before: Mapping[str, Verb]) -> tuple[str, ...]:
-        # the accelerations of a blow are not the sensors of the plan
-        output = () if before[self.of].struck else self.output
+        # accelerometers are not sensors of the plan
+        output = () if before[self.of].by_hammer else self.output
         return (*self.roles.values(), *output, *self.also)
 
     def missing(self, name: str, before: Mapping[str, Verb]) -> str:
@@ -83,12 +81,15 @@ class Measure(Recording, Roles, Evaluation):
         source = before[self.of]
         if missing := [r for r in KINDS[self.test].needed if r not in self.roles]:
             return (
-                f"step '{name}' is a test of kind {self.test} and does not say which sensor "
-                f"reads {' and '.join(missing)}"
+                f"step '{name}' is a test of kind {self.test}: name the sensor of "
+                f"{' and '.join(missing)}"
             )
-        if self.test == "workspace" and not source.corners:
-            return f"step '{name}' is a test of kind workspace: it needs a step of corners"
-        if self.test == "response" and not self.output and not source.struck:
+        if self.test == "workspace" and not source.visits_corners:
+            return (
+                f"step '{name}' is a test of kind workspace: it needs a step of excite with kind "
+                "workspace-corners"
+            )
+        if self.test == "response" and not self.output and not source.by_hammer:
             return f"step '{name}' is a test of kind response: name its sensors as 'output'"
         return ""
 
@@ -96,8 +97,8 @@ class Measure(Recording, Roles, Evaluation):
         source = context.planned[self.of]
         step = PlannedStep(name=name, verb=self.verb, what="")
         if source.problem:
-            return replace(step, problem=f"'{source.name}' cannot be made")
-        if context.plan.action_of(self.of).struck:
+            return replace(step, problem=f"step '{source.name}' has no command")
+        if context.plan.action_of(self.of).by_hammer:
             return replace(step, what=f"force and response of {source.what}", signals=2)
         return replace(
             step,
@@ -115,7 +116,7 @@ class Measure(Recording, Roles, Evaluation):
         read = [context.signal(sensor) for sensor in dict.fromkeys(sensors)]
         signals = command.signals(read, self.output, context.stage)
         if not signals:
-            raise PlanError(f"step '{name}' records nothing: name a sensor")
+            raise PlanError(f"step '{name}' records no signal: name a sensor")
         stream = context.folder / "records" / f"{name}.stream"
         rate = self.rate(context.plan)
         return [command.record(context.instrument, signals, rate, stream, about)]
@@ -149,19 +150,19 @@ class Measure(Recording, Roles, Evaluation):
                 step.record.size,
                 number(step.record.sample_rate_hz),
                 step.file.name,
-                "" if step.repeated else "taken by an earlier run of this plan",
+                "" if step.repeated else "recorded by an earlier run of this plan",
             )
             for step in steps
         )
         heads = (
-            Column("Step", "title"), "<Axis", "<Serves", "Signals", "Samples", "Rate [Hz]", "<File",
+            Column("Step", "title"), "<Axis", "<Test", "Signals", "Samples", "Rate [Hz]", "<File",
             "<",
         )  # fmt: skip
-        return Section(title="What was recorded", key="record", content=(table("", heads, rows),))
+        return Section(title="Records", key="record", content=(table("", heads, rows),))
 
 
 def from_sample(record: Record, first: int) -> Record:
-    """Return a record from a sample on, whose time begins anew."""
+    """Return the part of a record from a sample, with time from 0."""
     return replace(
         record,
         channels=tuple(replace(c, values=c.values[first:]) for c in record.channels),
@@ -171,28 +172,28 @@ def from_sample(record: Record, first: int) -> Record:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredStep(StepResult):
-    """A record that was taken."""
+    """Result of a step of measure."""
 
     axis: str
     """The axis, or both such as ``xy``."""
     test: str
-    """Kind of test that it is; empty where it only serves to identify."""
+    """Kind of test; empty for a record that is used only to identify."""
     record: Record
     """All samples."""
     first: int
-    """Number of samples at its beginning that prepare, and are not evaluated."""
+    """Number of conditioning samples at the start, which are not evaluated."""
     period: int
     """Samples of a cycle; 0 where there are none."""
     file: Path
-    """The file that holds it."""
+    """The file of the record."""
     repeated: bool
-    """Whether it was taken now; False where an earlier run of the same plan had taken it."""
+    """Whether this run recorded it; False for a record of an earlier run of the same plan."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Notes for the report."""
 
     @property
     def evaluated(self) -> Record:
-        """The record without what prepares."""
+        """The record without the conditioning samples."""
         if self.first == 0 or self.record.over != "time":
             return self.record
         return from_sample(self.record, self.first)

@@ -1,4 +1,4 @@
-"""The verb *verify*: a reference is followed in several ways, and what is left is compared."""
+"""Verb *verify*: tracking errors of a reference in several control modes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -40,15 +40,15 @@ if TYPE_CHECKING:
     from flexstage.hysteresis import Tracking
     from flexstage.stage import Stage
 
-#: Ways in which a reference can be followed, and how they are told; `ways` has what they do.
-WAYS: dict[str, str] = {
-    "open loop": "open loop, voltage in proportion",
+#: Control modes with their descriptions; `control_modes` carries them out.
+CONTROL_MODES: dict[str, str] = {
+    "open loop": "open loop, proportional voltage",
     "inverse": "inverse of {kind}",
     "feedback": "feedback",
     "both": "feedback and inverse of {kind}",
     "learning": "learned over trials",
 }
-#: What the figures of a reference that was followed are given in.
+#: Units of the figures of a run.
 _UNITS = {
     "loop_width": "m",
     "tracking_rms": "m",
@@ -63,7 +63,7 @@ _UM, _NM = 1e6, 1e9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verify(Recording):
-    """Follows a reference in several ways, and compares what is left of the loop."""
+    """Follow a reference in several control modes, and compare the tracking errors."""
 
     verb: ClassVar[str] = "verify"
     uses: ClassVar[tuple[str, ...]] = ("identify",)
@@ -73,23 +73,25 @@ class Verify(Recording):
     along: str
     """The sensor that reads the position."""
     reference: Reference = field(default_factory=Reference)
-    """What shall be followed."""
-    ways: tuple[str, ...] = ("open loop", "inverse")
-    """``open loop`` (the voltage in proportion to the reference), ``inverse``, ``feedback``,
-    ``both``, ``learning``.
+    """The reference."""
+    control_modes: tuple[str, ...] = ("open loop", "inverse")
+    """``open loop`` (voltage proportional to the reference), ``inverse``, ``feedback``, ``both``,
+    ``learning``.
     """
     trials: Annotated[int, Range(low=1, high=100)] = 5
     """Trials of learning."""
 
     def __post_init__(self) -> None:
-        for way in self.ways:
-            if way not in WAYS:
+        modes = self.control_modes
+        for mode in modes:
+            if mode not in CONTROL_MODES:
                 raise PlanError(
-                    f"the way '{way}' to follow a reference is not known: choose from "
-                    f"{', '.join(WAYS)}"
+                    f"unknown control mode '{mode}': choose from {', '.join(CONTROL_MODES)}"
                 )
-        if not self.ways or len(set(self.ways)) < len(self.ways):
-            raise PlanError(f"verify needs ways, each once, got {', '.join(self.ways) or 'none'}")
+        if not modes or len(set(modes)) < len(modes):
+            raise PlanError(
+                f"verify needs control_modes, each once, got {', '.join(modes) or 'none'}"
+            )
         require_ranges(self, PlanError, self.verb)
 
     @property
@@ -101,26 +103,27 @@ class Verify(Recording):
         return (self.along,)
 
     def preview(self, context: PlanContext, name: str) -> PlannedStep:
-        plan, wanted = context.plan, self.reference
-        reference_rate(wanted, plan.defaults.command_rate, context.base_rate_hz)
-        require_whole_cycles(name, wanted, self.rate(plan))
+        plan, reference = context.plan, self.reference
+        reference_rate(reference, plan.defaults.command_rate, context.base_rate_hz)
+        require_whole_cycles(name, reference, self.rate(plan))
         stroke = estimated_stroke(context.stage, self.axis_of(plan))
-        # the trials of learning are counted, the last of which is kept
-        runs = len(self.ways) + (self.trials - 1.0) * ("learning" in self.ways)
+        # of the trials of learning, the last one is the run of that mode
+        modes = self.control_modes
+        runs = len(modes) + (self.trials - 1.0) * ("learning" in modes)
         return PlannedStep(
             name=name,
             verb=self.verb,
-            what=f"{', '.join(self.ways)}: {wanted.what(stroke)}, {wanted.rate:g} Hz",
-            duration=runs * wanted.duration,
-            command_duration=wanted.duration,
-            notes=("the voltages follow from the model that is identified",),
+            what=f"{', '.join(modes)}: {reference.what(stroke)}, {reference.rate:g} Hz",
+            duration=runs * reference.duration,
+            command_duration=reference.duration,
+            notes=("the voltages depend on the model, which is not identified yet",),
         )
 
     def run(self, context: RunContext, name: str) -> list[Path]:
-        from flexstage.experiments.ways import follow, tracking_setup
+        from flexstage.experiments.control_modes import follow, tracking_setup
 
         require_whole_cycles(name, self.reference, self.rate(context.plan))
-        own = tracking_setup(
+        setup = tracking_setup(
             context,
             name,
             model=self.model,
@@ -128,9 +131,9 @@ class Verify(Recording):
             reference=self.reference,
             rate_hz=self.rate(context.plan),
             trials=self.trials,
-            controlled=not {"feedback", "both"}.isdisjoint(self.ways),
+            controlled=not {"feedback", "both"}.isdisjoint(self.control_modes),
         )
-        return [follow(context, own, way) for way in self.ways]
+        return [follow(context, setup, mode) for mode in self.control_modes]
 
     def result(
         self, context: RunContext, name: str, files: list[Path], *, now: bool
@@ -138,19 +141,19 @@ class Verify(Recording):
         del now
         model = context.result_of(self.model, IdentifiedStep)
         runs = [
-            _run(way, read_record(file), file, self)
-            for way, file in zip(self.ways, files, strict=True)
+            _run(mode, read_record(file), file, self)
+            for mode, file in zip(self.control_modes, files, strict=True)
         ]
-        still = next((run.tracking.loop_width for run in runs if run.way == _OPEN), None)
-        if still is not None:
+        open_loop = next((run.tracking.loop_width for run in runs if run.mode == _OPEN), None)
+        if open_loop is not None:
             runs = [
-                replace(run, reduction_percent=100.0 * (1.0 - run.tracking.loop_width / still))
+                replace(run, reduction_percent=100.0 * (1.0 - run.tracking.loop_width / open_loop))
                 for run in runs
             ]
         figures = tuple(
             MeasuredCharacteristic.from_estimate(
                 _estimate(context, run, self),
-                quantity="hysteresis_loop_width" if run.way == _OPEN else "compensated_loop_width",
+                quantity="hysteresis_loop_width" if run.mode == _OPEN else "compensated_loop_width",
                 axis=model.axis,
                 origin=context.origin,
                 test=name,
@@ -171,73 +174,73 @@ class Verify(Recording):
     @staticmethod
     def section(steps: "Sequence[VerifiedStep]", result: ResultLookup) -> Section:
         heads = (
-            Column("", "title"), "stroke [µm]", "rate [Hz]", "loop width [µm]", "narrowed by [%]",
+            Column("", "title"), "stroke [µm]", "rate [Hz]", "loop width [µm]", "reduction [%]",
             "error [nm rms]", "[% of the stroke]", "largest error [nm]",
         )  # fmt: skip
         rows: list[tuple[str, ...]] = []
-        told: dict[str, None] = {}
-        shown: set[str] = set()
+        notes: dict[str, None] = {}
+        axes: set[str] = set()
         for step in steps:
             rows += [_row(step, run) for run in step.runs]
-            if step.axis not in shown:
+            if step.axis not in axes:
                 rows += _published(result.stage, step.axis)
-                shown.add(step.axis)
-            told |= dict.fromkeys(step.notes)
-        titles = [f"{step.name}: a reference followed in {len(step.runs)} ways" for step in steps]
+                axes.add(step.axis)
+            notes |= dict.fromkeys(step.notes)
+        titles = [f"{step.name}: a reference in {len(step.runs)} control modes" for step in steps]
         pictures = (
             Picture(result=step, title=title, caption=f"Step {title}.")
             for step, title in zip(steps, titles, strict=True)
         )
         words = (
-            "Errors include the noise of the reading. The loop width hides every error that both "
-            "branches share; therefore the error from the reference is given as well. In "
-            "open loop the reading is shifted by its mean difference from the reference."
+            "Errors include the noise of the reading. The loop width does not include errors that "
+            "both branches share; therefore the table also lists the error from the reference. In "
+            "open loop the mean difference from the reference is subtracted from the reading."
         )
         return Section(
-            title="Following a reference",
+            title="Tracking of a reference",
             key="following",
             content=(
                 words,
                 table("", heads, rows),
                 Pictures(pictures=tuple(pictures)),
-                Bullets(tuple(told)),
+                Bullets(tuple(notes)),
             ),
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FollowedRun:
-    """A reference that was followed in one way."""
+    """Run of a reference in one control mode."""
 
-    way: str
+    mode: str
     """``open loop``, ``inverse``, ``feedback``, ``both`` or ``learning``."""
     time: Array
     """Times of the compared cycles [s], shape (n,)."""
     reference: Array
-    """What was wanted [m], shape (n,)."""
+    """The reference [m], shape (n,)."""
     output: Array
-    """What the sensor read [m], shape (n,); in open loop less the mean difference from the
+    """Reading of the sensor [m], shape (n,); in open loop less the mean difference from the
     reference.
     """
     voltage: Array
     """Voltage at the drive [V], shape (n,)."""
     tracking: "Tracking"
-    """Width of the loop, and errors [m]."""
+    """Loop width, and errors [m]."""
     widths: tuple[float, ...]
-    """Width of the loop of each cycle [m]."""
+    """Loop width of each cycle [m]."""
     reduction_percent: float | None
-    """By how much the loop is narrower than in open loop [%]; None without that."""
+    """Reduction of the loop width against open loop [%]; None without a run in open loop."""
     errors: tuple[float, ...] = ()
-    """Of learning: rms of the error at each trial [m]."""
+    """Of learning: rms error of each trial [m]."""
     file: Path
     """The file of the record."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Notes for the report."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VerifiedStep(StepResult):
-    """A reference that was followed in several ways."""
+    """Result of a step of verify."""
 
     axis: str
     """The axis."""
@@ -248,11 +251,11 @@ class VerifiedStep(StepResult):
     stroke: float
     """Range of the reference [m]."""
     rate_hz: float
-    """Cycles in a second [Hz]."""
+    """Frequency of the cycles [Hz]."""
     runs: tuple[FollowedRun, ...]
-    """One of each way."""
+    """One run in each control mode."""
     loop_widths: tuple[MeasuredCharacteristic, ...]
-    """Width of the loop in open loop, and compensated."""
+    """Loop width in open loop, and compensated."""
 
     @property
     def figures(self) -> tuple[MeasuredCharacteristic, ...]:
@@ -260,16 +263,18 @@ class VerifiedStep(StepResult):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know of each run."""
-        return tuple(f"{self.name}, {run.way}: {note}" for run in self.runs for note in run.notes)
+        """Notes of each run."""
+        return tuple(f"{self.name}, {run.mode}: {note}" for run in self.runs for note in run.notes)
 
-    def run(self, way: str) -> FollowedRun:
-        """Return one run; refused where the reference was not followed in that way."""
+    def run(self, mode: str) -> FollowedRun:
+        """Return the run in a control mode; refused where there is none."""
         for run in self.runs:
-            if run.way == way:
+            if run.mode == mode:
                 return run
-        done = ", ".join(run.way for run in self.runs)
-        raise PlanError(f"step '{self.name}' was not run in the way '{way}': there is {done}")
+        available = ", ".join(run.mode for run in self.runs)
+        raise PlanError(
+            f"step '{self.name}' has no run in the control mode '{mode}': it has {available}"
+        )
 
     def plain(self, result: ResultLookup) -> dict[str, Any]:
         return {
@@ -277,7 +282,7 @@ class VerifiedStep(StepResult):
             "units": dict(_UNITS),
             "runs": [
                 {
-                    **picked(run, "way", "loop_width=tracking.loop_width"),
+                    **picked(run, "mode", "loop_width=tracking.loop_width"),
                     **picked(run, "tracking_rms=tracking.rms", "tracking_max=tracking.largest"),
                     "tracking_rms_percent": 100.0 * run.tracking.rms / self.stroke,
                     **picked(run, "reduction_percent", "learning_errors=errors"),
@@ -290,12 +295,12 @@ class VerifiedStep(StepResult):
 
     @property
     def table(self) -> Table:
-        heads = ("way", "loop, nm", "narrower, %", "rms, nm", "rms, %", "largest, nm")
+        heads = ("mode", "loop, nm", "reduction, %", "rms, nm", "rms, %", "largest, nm")
         rows = (
             (
-                run.way,
+                run.mode,
                 f"{_NM * run.tracking.loop_width:.1f}",
-                _narrower(run, 2),
+                _reduction(run, 2),
                 f"{_NM * run.tracking.rms:.1f}",
                 f"{100.0 * run.tracking.rms / self.stroke:.3f}",
                 f"{_NM * run.tracking.largest:.1f}",
@@ -306,30 +311,31 @@ class VerifiedStep(StepResult):
         return table(caption, heads, rows, notes=self.notes)
 
 
-def _run(way: str, record: Record, file: Path, action: Verify) -> FollowedRun:
+def _run(mode: str, record: Record, file: Path, step: Verify) -> FollowedRun:
     from flexstage.hysteresis import loop_width, tracking
     from flexstage.instruments.recording.metadata import read_metadata
 
-    period = round(record.sample_rate_hz / action.reference.rate)
-    cycles = action.reference.cycles
-    # the compared cycles are the last ones, whatever was run before them; the sample that ends the
-    # last one is there where the whole command ran once
-    end = record.size - 1 if record.size % period == 1 or way in (_OPEN, "inverse") else record.size
+    period = round(record.sample_rate_hz / step.reference.rate)
+    cycles = step.reference.cycles
+    # the compared cycles are the last ones; a command that ran once has one more sample, which ends
+    # the last cycle
+    extra = record.size % period == 1 or mode in (_OPEN, "inverse")
+    end = record.size - 1 if extra else record.size
     first = max(end - period * cycles, 0)
-    kept = slice(first, end + 1)
-    reference = record.channel("reference").values[kept]
-    output = record.channel(action.along).values[kept]
+    compared = slice(first, end + 1)
+    reference = record.channel("reference").values[compared]
+    output = record.channel(step.along).values[compared]
     bounds = np.minimum(np.arange(cycles + 1) * period, reference.size - 1)
-    if way == _OPEN:
-        # what a constant gain, and the best offset, would have given
+    if mode == _OPEN:
+        # the output with a constant gain, and the best offset
         output = output - float(np.mean(output) - np.mean(reference))
     settings = read_metadata(record).settings
     return FollowedRun(
-        way=way,
-        time=record.time[kept] - record.time[first],
+        mode=mode,
+        time=record.time[compared] - record.time[first],
         reference=reference,
         output=output,
-        voltage=record.channel("voltage").values[kept],
+        voltage=record.channel("voltage").values[compared],
         tracking=tracking(reference, output, bounds),
         widths=tuple(
             loop_width(reference, output, bounds[k : k + 2]) for k in range(bounds.size - 1)
@@ -341,8 +347,8 @@ def _run(way: str, record: Record, file: Path, action: Verify) -> FollowedRun:
     )
 
 
-def _estimate(context: RunContext, run: FollowedRun, action: Verify) -> Estimate:
-    """Width of the loop of the mean cycle, with the spread of the cycles and the sensor."""
+def _estimate(context: RunContext, run: FollowedRun, step: Verify) -> Estimate:
+    """Return the loop width of the mean cycle, with the uncertainty of cycles and sensor."""
     from flexstage.measure.uncertainty.sensor import measured
 
     n = len(run.widths)
@@ -351,27 +357,27 @@ def _estimate(context: RunContext, run: FollowedRun, action: Verify) -> Estimate
         spread = float(np.std(run.widths, ddof=1)) / n**0.5
         parts = (Component(name="cycle to cycle", uncertainty=spread, degrees_of_freedom=n - 1.0),)
     raw = Estimate(value=run.tracking.loop_width, unit="m", components=parts)
-    whole = measured(raw, context.plan.sensor(action.along), role="transverse range")
+    total = measured(raw, context.plan.sensor(step.along), role="transverse range")
     note = (
-        f"{run.way}, {action.reference.rate:g} Hz, {100.0 * action.reference.share:g} % of the "
+        f"{run.mode}, {step.reference.rate:g} Hz, {100.0 * step.reference.share:g} % of the "
         "stroke, mean cycle"
     )
-    return replace(whole, note=note)
+    return replace(total, note=note)
 
 
-def _narrower(run: FollowedRun, digits: int) -> str:
+def _reduction(run: FollowedRun, digits: int) -> str:
     less = run.reduction_percent
-    return "" if less is None or run.way == _OPEN else f"{less:.{digits}f}"
+    return "" if less is None or run.mode == _OPEN else f"{less:.{digits}f}"
 
 
 def _row(step: VerifiedStep, run: FollowedRun) -> tuple[str, ...]:
     errors = run.tracking
     return (
-        f"{step.name}, axis {step.axis}: {WAYS[run.way].format(kind=step.kind)}",
+        f"{step.name}, axis {step.axis}: {CONTROL_MODES[run.mode].format(kind=step.kind)}",
         number(_UM * step.stroke),
         number(step.rate_hz),
         number(_UM * errors.loop_width),
-        _narrower(run, 1),
+        _reduction(run, 1),
         number(_NM * errors.rms),
         number(100.0 * errors.rms / step.stroke),
         number(_NM * errors.largest),
@@ -379,8 +385,8 @@ def _row(step: VerifiedStep, run: FollowedRun) -> tuple[str, ...]:
 
 
 def _published(stage: "Stage", axis: str) -> Iterator[tuple[str, ...]]:
-    """Give rows of what was published of an axis, with the digits that were printed."""
-    width, left, stroke = (
+    """Yield rows of the published values of an axis, with their printed digits."""
+    width, compensated, stroke = (
         measured_value(stage.published, quantity, axis)
         for quantity in ("hysteresis_loop_width", "compensated_loop_width", "output_displacement")
     )
@@ -388,8 +394,10 @@ def _published(stage: "Stage", axis: str) -> Iterator[tuple[str, ...]]:
         return
     first = "" if stroke is None else f"{_UM * stroke:.10g}"
     rows = [("open loop", width, "")]
-    if left is not None:
-        rows.append(("inverse of Bouc-Wen", left, f"{100.0 * (1.0 - left / width):.1f}"))
-    for way, value, less in rows:
-        name = f"published, axis {axis}: {way}"
+    if compensated is not None:
+        rows.append(
+            ("inverse of Bouc-Wen", compensated, f"{100.0 * (1.0 - compensated / width):.1f}")
+        )
+    for mode, value, less in rows:
+        name = f"published, axis {axis}: {mode}"
         yield (name, first, "", f"{_UM * value:.10g}", less, "", "", "")

@@ -1,4 +1,4 @@
-"""The catalogue: which runs there are, on which stage, and what came of them."""
+"""The catalogue of stages, runs, calibrations and models."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -43,17 +43,16 @@ from flexstage.instruments.catalogue.entries import (
 from flexstage.instruments.requests import CalibrationsRequest, OfStage, RunsRequest
 
 _T = TypeVar("_T")
-# others may enter the same stage between the question for it and the answer
+# other programs may enter the same stage between query and insertion
 _TRIES = 8
 
 
 class Catalogue:
     """Stages, runs, calibrations and models in a database.
 
-    Several programs may read and write it at once. It holds nothing that the folders of the runs do
-    not hold: what could not be entered can be entered later, and a lost catalogue can be made again
-    from the folders, but for calibrations and models. Where the database cannot be reached, a
-    method raises `NotConnectedError`.
+    Several programs may read and write it at once. Entries of runs can be restored from the folders
+    of the runs, but not calibrations and models. A method raises `NotConnectedError` where the
+    database cannot be reached.
 
     Examples
     --------
@@ -65,8 +64,8 @@ class Catalogue:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with Catalogue.open(f"{folder}/catalogue.sqlite") as catalogue:
     ...         entered = catalogue.enter_run(run)
-    ...         found = catalogue.runs(serial_number="7")
-    >>> entered, found == [run]
+    ...         runs = catalogue.runs(serial_number="7")
+    >>> entered, runs == [run]
     (True, True)
     """
 
@@ -76,11 +75,10 @@ class Catalogue:
 
     @classmethod
     def open(cls, address: str | None = None, *, make: bool = True) -> Self:
-        """Open a catalogue, the user's own where none is named.
+        """Open a catalogue, by default that of the user.
 
-        Its tables are made in an empty database. Where they are not to be made, an empty database,
-        or a file that is absent, is an empty catalogue, and nothing is written. One of another
-        version is refused.
+        With `make`, its tables are created in an empty database. Without, an empty database or a
+        missing file is an empty catalogue, and nothing is written. Other versions are refused.
         """
         where = address or default_catalogue()
         if make or not is_absent_file(where):
@@ -100,11 +98,11 @@ class Catalogue:
 
     @property
     def address(self) -> str:
-        """Where it is, without a password."""
+        """Its address, without a password."""
         return self._address
 
     def close(self) -> None:
-        """Close all links to the database."""
+        """Close all connections to the database."""
         self._engine.dispose()
 
     def __enter__(self) -> Self:
@@ -127,37 +125,37 @@ class Catalogue:
         try:
             self.write(work)
         except FlexstageError:
-            # of two programs that make them at once the second fails, and finds them made
+            # if two programs create the tables at once, the second one fails
             if not self._is_made():
                 raise
 
     def _has_tables(self, connection: Connection) -> bool:
-        """Return whether a database has the tables of this version; refuse all but an empty one."""
+        """Return whether a database has the tables of this version; refuse other tables."""
         there = set(inspect(connection).get_table_names())
         if VERSIONS.name in there:
-            found = connection.scalar(select(VERSIONS.c.version))
-            if found != VERSION:
+            version = connection.scalar(select(VERSIONS.c.version))
+            if version != VERSION:
                 raise RecordError(
-                    f"the catalogue {self.address} is of version {found}, and this flexstage reads "
-                    f"and writes version {VERSION} only: use the flexstage that made it, or "
+                    f"the catalogue {self.address} is of version {version}, and this flexstage "
+                    f"reads and writes version {VERSION} only: use the flexstage that made it, or "
                     "enter the runs anew, by 'flexstage runs add FOLDER --catalogue URL' with an "
                     "empty database or a new file"
                 )
             return True
         if there & set(METADATA.tables):
             raise RecordError(
-                "the database belongs to another program: give the catalogue one of its own"
+                "the database belongs to another program: use a separate database for the catalogue"
             )
         return False
 
     def read(self, work: Callable[[Connection], _T]) -> _T:
-        """Do work that only reads."""
-        with _telling(self.address), self._engine.connect() as connection, connection.begin():
+        """Carry out work that only reads."""
+        with _translated(self.address), self._engine.connect() as connection, connection.begin():
             return work(connection)
 
     def write(self, work: Callable[[Connection], _T]) -> _T:
-        """Do work in one transaction, again where another program was first."""
-        with _telling(self.address):
+        """Carry out work in one transaction; repeat it if another program interfered."""
+        with _translated(self.address):
             for _ in range(_TRIES - 1):
                 try:
                     return self._once(work)
@@ -171,18 +169,18 @@ class Catalogue:
             return work(connection)
 
     def enter_run(self, entry: RunEntry) -> bool:
-        """Enter a run, or what is new of one that was entered before; say whether it is new."""
+        """Enter a run, or update its entry; return whether it is new."""
 
         def work(connection: Connection) -> bool:
-            asked = select(RUNS.c.id).where(RUNS.c.identifier == entry.identifier)
-            return _enter(connection, RUNS, entry, asked)
+            existing = select(RUNS.c.id).where(RUNS.c.identifier == entry.identifier)
+            return _enter(connection, RUNS, entry, existing)
 
         return self.write(work)
 
     def enter_calibration(self, entry: CalibrationEntry) -> None:
-        """Enter a calibration; those before it stay.
+        """Enter a calibration, in addition to earlier ones.
 
-        The run that it comes from must be in the catalogue.
+        Its run must be in the catalogue.
         """
         self.write(
             lambda connection: connection.execute(
@@ -191,134 +189,141 @@ class Catalogue:
         )
 
     def enter_model(self, entry: ModelEntry) -> None:
-        """Enter a model; one of the same file of the same run is replaced.
+        """Enter a model; it replaces one of the same file of the same run.
 
-        The run that it comes from must be in the catalogue.
+        Its run must be in the catalogue.
         """
 
         def work(connection: Connection) -> bool:
-            asked = select(MODELS.c.id).where(MODELS.c.file == entry.file)
+            existing = select(MODELS.c.id).where(MODELS.c.file == entry.file)
             of = RUNS.c.identifier == entry.run if entry.run else MODELS.c.run_id.is_(None)
-            return _enter(connection, MODELS, entry, asked.outerjoin_from(MODELS, RUNS).where(of))
+            return _enter(
+                connection, MODELS, entry, existing.outerjoin_from(MODELS, RUNS).where(of)
+            )
 
         self.write(work)
 
     def stages(self) -> list[StageEntry]:
         """Return all stages, by name and serial number."""
-        asked = question(STAGES).order_by(STAGES.c.name, STAGES.c.serial_number, STAGES.c.id)
-        return self._entries(StageEntry, STAGES, asked)
+        query = question(STAGES).order_by(STAGES.c.name, STAGES.c.serial_number, STAGES.c.id)
+        return self._entries(StageEntry, STAGES, query)
 
-    def runs(self, request: RunsRequest | None = None, **asked: Any) -> list[RunEntry]:
+    def runs(self, request: RunsRequest | None = None, **options: Any) -> list[RunEntry]:
         """Return runs, the latest first.
 
-        Fields of `RunsRequest` may be named in place of those of a request, and any other field of
-        `RunEntry` that has one value: ``axis="x", status="failed"``.
+        Options are fields of `RunsRequest`, in place of those of the request, and other fields of
+        `RunEntry` with a single value: ``axis="x", status="failed"``.
         """
-        own = request_fields(RunsRequest)
-        values = {RUNS.c[n]: asked.pop(n) for n in tuple(asked) if n in RUNS.c and n not in own}
-        request = request_of(RunsRequest, request, asked)
+        request_names = request_fields(RunsRequest)
+        values = {
+            RUNS.c[n]: options.pop(n)
+            for n in tuple(options)
+            if n in RUNS.c and n not in request_names
+        }
+        request = request_of(RunsRequest, request, options)
         values.setdefault(RUNS.c.kind, request.test)
-        found = _where(_of_stage(RUNS, request), values)
+        query = _where(_of_stage(RUNS, request), values)
         if request.since is not None:
-            found = found.where(RUNS.c.started >= request.since)
-        found = found.order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(request.limit)
-        return self._entries(RunEntry, RUNS, found)
+            query = query.where(RUNS.c.started >= request.since)
+        query = query.order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(request.limit)
+        return self._entries(RunEntry, RUNS, query)
 
     def run(self, identifier: str) -> RunEntry:
-        """Return a run by its identifier, or the beginning of it that no other has."""
-        wanted = identifier.strip().lower()
-        if not wanted or not set(wanted) <= set("0123456789abcdef"):
+        """Return a run by its identifier, or by the start of it if that is unique."""
+        prefix = identifier.strip().lower()
+        if not prefix or not set(prefix) <= set("0123456789abcdef"):
             raise RecordError(
-                "a run is named by the beginning of its identifier, hexadecimal digits such as "
+                "a run is named by the first digits of its identifier, hexadecimal digits such as "
                 f"3f9a, got '{identifier[:40]}'"
             )
-        asked = question(RUNS).where(RUNS.c.identifier.startswith(wanted)).limit(3)
-        found = self._entries(RunEntry, RUNS, asked)
-        if len(found) == 1:
-            return found[0]
-        if found:
+        query = question(RUNS).where(RUNS.c.identifier.startswith(prefix)).limit(3)
+        entries = self._entries(RunEntry, RUNS, query)
+        if len(entries) == 1:
+            return entries[0]
+        if entries:
             raise RecordError(
-                f"the identifiers of several runs begin with '{wanted}', such as "
-                f"{found[0].identifier} and {found[1].identifier}: give more digits"
+                f"the identifiers of several runs start with '{prefix}', such as "
+                f"{entries[0].identifier} and {entries[1].identifier}: give more digits"
             )
         raise RecordError(
-            f"no run of the catalogue has an identifier that begins with '{wanted}': list them "
+            f"no run of the catalogue has an identifier that starts with '{prefix}': list the runs "
             "with 'flexstage runs'"
         )
 
     def calibrations(
-        self, request: CalibrationsRequest | None = None, **asked: Any
+        self, request: CalibrationsRequest | None = None, **options: Any
     ) -> list[CalibrationEntry]:
         """Return calibrations, the latest first.
 
-        Of each only the one that is valid at a time, where given: the latest that began before.
-        Fields of `CalibrationsRequest` may be named in place of those of a request.
+        With `valid_at`, only the calibration of each quantity that is valid at this time, the
+        latest that started before. Options are fields of `CalibrationsRequest`, in place of those
+        of the request.
         """
-        request = request_of(CalibrationsRequest, request, asked)
+        request = request_of(CalibrationsRequest, request, options)
         at = request.valid_at
-        rows = _where(_of_stage(CALIBRATIONS, request), {CALIBRATIONS.c.what: request.what})
+        query = _where(_of_stage(CALIBRATIONS, request), {CALIBRATIONS.c.what: request.what})
         if at is not None:
-            rows = rows.where(CALIBRATIONS.c.valid_from <= at)
-        rows = rows.order_by(CALIBRATIONS.c.valid_from.desc(), CALIBRATIONS.c.id.desc())
-        found = self._entries(CalibrationEntry, CALIBRATIONS, rows)
+            query = query.where(CALIBRATIONS.c.valid_from <= at)
+        query = query.order_by(CALIBRATIONS.c.valid_from.desc(), CALIBRATIONS.c.id.desc())
+        entries = self._entries(CalibrationEntry, CALIBRATIONS, query)
         if at is None:
-            return found
-        holding: dict[tuple[str, str, str], CalibrationEntry] = {}
-        for entry in found:
-            holding.setdefault((entry.stage.name, entry.stage.serial_number, entry.what), entry)
-        return list(holding.values())
+            return entries
+        valid: dict[tuple[str, str, str], CalibrationEntry] = {}
+        for entry in entries:
+            valid.setdefault((entry.stage.name, entry.stage.serial_number, entry.what), entry)
+        return list(valid.values())
 
     def models(self, *, run: str | None = None) -> list[ModelEntry]:
-        """Return models, the latest first; `run` is the identifier of the one they come from."""
-        asked = _where(question(MODELS), {RUNS.c.identifier: run})
-        asked = asked.order_by(MODELS.c.created.desc(), MODELS.c.id.desc())
-        return self._entries(ModelEntry, MODELS, asked)
+        """Return models, the latest first; `run` is the identifier of their run."""
+        query = _where(question(MODELS), {RUNS.c.identifier: run})
+        query = query.order_by(MODELS.c.created.desc(), MODELS.c.id.desc())
+        return self._entries(ModelEntry, MODELS, query)
 
-    def _entries(self, kind: type[Entry], table: Table, asked: Select[Any]) -> list[Entry]:
+    def _entries(self, kind: type[Entry], table: Table, query: Select[Any]) -> list[Entry]:
         return self.read(
-            lambda connection: [entry_of(kind, table, row) for row in connection.execute(asked)]
+            lambda connection: [entry_of(kind, table, row) for row in connection.execute(query)]
         )
 
 
 def _of_stage(table: Table, request: OfStage) -> Select[Any]:
-    """Return the question for what a table has of a stage."""
+    """Return the query for the entries of a stage in a table."""
     stage = {STAGES.c.name: request.stage, STAGES.c.serial_number: request.serial_number}
     return _where(question(table), stage)
 
 
-def _where(asked: Select[Any], wanted: Mapping[Any, Any]) -> Select[Any]:
-    """Narrow a question to columns of given values; None stands for any."""
-    return asked.where(*(c == value for c, value in wanted.items() if value is not None))
+def _where(query: Select[Any], values: Mapping[Any, Any]) -> Select[Any]:
+    """Restrict a query to values of columns; None for any value."""
+    return query.where(*(c == value for c, value in values.items() if value is not None))
 
 
-def _enter(connection: Connection, table: Table, entry: Any, asked: Select[Any]) -> bool:
-    """Enter what replaces the row that is asked for, if there is one; say whether it is new."""
+def _enter(connection: Connection, table: Table, entry: Any, existing: Select[Any]) -> bool:
+    """Insert an entry, or update an existing row; return whether it is new."""
     values = values_of(connection, table, entry)
-    found = connection.scalar(asked)
-    if found is None:
+    number = connection.scalar(existing)
+    if number is None:
         connection.execute(insert(table).values(values))
     else:
-        connection.execute(update(table).where(table.c.id == found).values(values))
-    return found is None
+        connection.execute(update(table).where(table.c.id == number).values(values))
+    return number is None
 
 
 @contextmanager
-def _telling(address: str) -> Iterator[None]:
-    """Turn what a database raises in this block into errors of flexstage."""
+def _translated(address: str) -> Iterator[None]:
+    """Translate database errors in this block into errors of flexstage."""
     try:
         yield
     except (OperationalError, InterfaceError) as error:
         raise NotConnectedError(
-            f"the catalogue {address} cannot be used ({_reason(error)}): runs are safe in their "
-            "folders, and 'flexstage runs add FOLDER' enters them later"
+            f"the catalogue {address} cannot be used ({_reason(error)}): the runs are saved in "
+            "their folders; enter them later with 'flexstage runs add FOLDER'"
         ) from error
     except SQLAlchemyError as error:
         raise RecordError(
-            f"the catalogue {address} is not as it should be ({_reason(error)}): is it one of "
-            "flexstage?"
+            f"the catalogue {address} is not valid ({_reason(error)}): check that it is a "
+            "catalogue of flexstage"
         ) from error
 
 
 def _reason(error: SQLAlchemyError) -> str:
-    said = str(error.orig if isinstance(error, DBAPIError) else error).strip().splitlines()
-    return (said or [type(error).__name__])[0].strip()[:200]
+    lines = str(error.orig if isinstance(error, DBAPIError) else error).strip().splitlines()
+    return (lines or [type(error).__name__])[0].strip()[:200]

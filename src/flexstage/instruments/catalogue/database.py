@@ -1,6 +1,6 @@
-"""Where a catalogue is, and its tables: a column for each field of its entries.
+"""Database of a catalogue: its address, and its tables with a column for each field of an entry.
 
-It is a file of SQLite, or any other database that SQLAlchemy reaches.
+It is an SQLite file, or any other database that SQLAlchemy supports.
 """
 
 import hashlib
@@ -53,7 +53,7 @@ from flexstage.instruments.catalogue.entries import (
     StageEntry,
 )
 
-#: Which tables these are. Whoever changes them counts on: a catalogue of another number is refused.
+#: Version of the tables, to be incremented with every change; other versions are refused.
 VERSION = 3
 
 Entry = TypeVar("Entry", StageEntry, RunEntry, CalibrationEntry, ModelEntry)
@@ -66,39 +66,39 @@ class UtcTime(TypeDecorator[datetime]):
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> str | None:
-        """Return what the database keeps."""
+        """Return the value for the database."""
         if value is None:
             return None
         return value.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds")
 
     def process_result_value(self, value: str | None, dialect: Dialect) -> datetime | None:
-        """Return what the database kept."""
+        """Return the value from the database."""
         return None if value is None else datetime.fromisoformat(value).replace(tzinfo=UTC)
 
 
 class CleanText(TypeDecorator[str]):
-    """A text that every database takes: ``?`` for halves of letters, no zeros."""
+    """A text that every database accepts: ``?`` for lone surrogates, no null characters."""
 
     impl = UnicodeText
     cache_ok = True
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
-        """Return what the database keeps."""
+        """Return the value for the database."""
         return None if value is None else _clean(value)
 
 
 class WholeNumber(TypeDecorator[int]):
-    """A whole number of any size, which no database has, as a text."""
+    """An integer of any size, stored as text."""
 
     impl = Text
     cache_ok = True
 
     def process_bind_param(self, value: int | None, dialect: Dialect) -> str | None:
-        """Return what the database keeps."""
+        """Return the value for the database."""
         return None if value is None else str(value)
 
     def process_result_value(self, value: Any | None, dialect: Dialect) -> int | None:
-        """Return what the database kept."""
+        """Return the value from the database."""
         return None if value is None else int(value)
 
 
@@ -109,7 +109,7 @@ class Figures(TypeDecorator[Mapping[str, float]]):
     cache_ok = True
 
     def process_bind_param(self, value: Mapping[str, float] | None, dialect: Dialect) -> Any:
-        """Return what the database keeps."""
+        """Return the value for the database."""
         return None if value is None else {_clean(k): float(v) for k, v in value.items()}
 
 
@@ -117,8 +117,8 @@ def _clean(text: str) -> str:
     return text.replace("\0", "").encode("utf-8", "replace").decode("utf-8")
 
 
-#: How a field of an entry is kept, by its type, and whether it may be empty.
-_KEPT: dict[Any, tuple[Any, bool]] = {
+#: Column type of a field of an entry, by the type of the field, and whether it may be null.
+_COLUMN_OF: dict[Any, tuple[Any, bool]] = {
     str: (CleanText, False),
     RunStatus: (CleanText, False),
     float: (Double, False),
@@ -128,7 +128,7 @@ _KEPT: dict[Any, tuple[Any, bool]] = {
     datetime: (UtcTime, False),
     Mapping[str, float]: (Figures, False),
 }
-#: The tables by name, on every database alike.
+#: The tables by name, the same on every database.
 METADATA = MetaData()
 VERSIONS = Table(
     "schema_version",
@@ -138,23 +138,23 @@ VERSIONS = Table(
 
 
 def _table(name: str, kind: type[Any], *rules: Any) -> Table:
-    """Make a table of entries; the stage and the run of one are rows of tables of their own."""
+    """Return a table of entries; their stages and runs are rows of other tables."""
     columns: list[Column[Any]] = [Column("id", Integer, primary_key=True)]
     for f in fields(kind):
         if f.name == "identifier":
-            # what is a key has a length, as not every database takes a text of any
+            # a key needs a length, since not every database accepts a key of unlimited text
             columns.append(Column(f.name, String(32), nullable=False))
         elif f.type is StageEntry:
             columns.append(Column("stage_id", ForeignKey("stages.id"), nullable=False))
         elif f.name == "run":
             columns.append(Column("run_id", ForeignKey("runs.id")))
         else:
-            how, empty = _KEPT[f.type]
-            columns.append(Column(f.name, how, nullable=empty))
+            column_type, empty = _COLUMN_OF[f.type]
+            columns.append(Column(f.name, column_type, nullable=empty))
     return Table(name, METADATA, *columns, *rules)
 
 
-# the digest stands for all that an entry says: four texts are too long for a key
+# the digest represents the entry, since four texts are too long for a key
 STAGES = _table(
     "stages",
     StageEntry,
@@ -167,7 +167,7 @@ MODELS = _table("models", ModelEntry)
 
 
 def question(table: Table) -> Select[Any]:
-    """Return the question for the entries of a table, with what they say of stage and run."""
+    """Return the query for the entries of a table, with their stages and runs."""
     if table is STAGES:
         return select(STAGES)
     both = table.join(STAGES, table.c.stage_id == STAGES.c.id)
@@ -178,21 +178,21 @@ def question(table: Table) -> Select[Any]:
 
 
 def entry_of(kind: type[Entry], table: Table, row: Row[Any]) -> Entry:
-    """Return the entry that a row of an answer to `question` holds."""
-    given = row._mapping
+    """Return the entry of a row of a result of `question`."""
+    columns = row._mapping
     values: dict[str, Any] = {}
     for f in fields(kind):
         if f.name in table.c:
-            values[f.name] = given[table.c[f.name]]
+            values[f.name] = columns[table.c[f.name]]
         elif f.type is StageEntry:
             values[f.name] = entry_of(StageEntry, STAGES, row)
         else:
-            values[f.name] = given[RUNS.c.identifier] or ""
+            values[f.name] = columns[RUNS.c.identifier] or ""
     return kind(**values)
 
 
 def values_of(connection: Connection, table: Table, entry: Any) -> dict[str, Any]:
-    """Return the columns of an entry; its stage becomes a row where there is none."""
+    """Return the columns of an entry; its stage is inserted if it is new."""
     values = {c.name: getattr(entry, c.name) for c in table.c if hasattr(entry, c.name)}
     if "stage_id" in table.c:
         values["stage_id"] = _stage_id(connection, entry.stage)
@@ -203,46 +203,46 @@ def values_of(connection: Connection, table: Table, entry: Any) -> dict[str, Any
 
 def _stage_id(connection: Connection, entry: StageEntry) -> int | None:
     values = values_of(connection, STAGES, entry)
-    said = json.dumps([_clean(text) for text in values.values()])
-    digest = hashlib.sha256(said.encode()).hexdigest()
-    asked = select(STAGES.c.id).where(STAGES.c.digest == digest)
-    found = connection.scalar(asked)
-    if found is None:
+    content = json.dumps([_clean(text) for text in values.values()])
+    digest = hashlib.sha256(content.encode()).hexdigest()
+    query = select(STAGES.c.id).where(STAGES.c.digest == digest)
+    number = connection.scalar(query)
+    if number is None:
         connection.execute(insert(STAGES).values(**values, digest=digest))
-        found = connection.scalar(asked)
-    return found
+        number = connection.scalar(query)
+    return number
 
 
 def _run_id(connection: Connection, identifier: str) -> int | None:
-    """Return the number of a run; None where the identifier is empty."""
+    """Return the row number of a run; None where the identifier is empty."""
     if not identifier:
         return None
-    found = connection.scalar(select(RUNS.c.id).where(RUNS.c.identifier == identifier))
-    if found is None:
+    number = connection.scalar(select(RUNS.c.id).where(RUNS.c.identifier == identifier))
+    if number is None:
         raise RecordError(
             f"run {identifier[:40]} is not in the catalogue: enter it first, with 'flexstage runs "
             "add FOLDER'"
         )
-    return found
+    return number
 
 
-#: Option of a connection that is going to write.
+#: Option of a connection that writes.
 WRITES = "flexstage_writes"
-# how long a writer of a file waits for others, and how long a link to a server may take [s]
+# longest wait of a writer of a file for others, and for a connection to a server [s]
 _PATIENCE, _LINK = 30, 10
-# databases whose drivers have such an option; by themselves they wait for minutes
+# databases whose drivers have such an option; by default they wait for minutes
 _WITH_TIMEOUT = ("postgresql", "mysql", "mariadb")
 
 
 def default_catalogue() -> str:
-    """Return where the user's catalogue is: ``$FLEXSTAGE_CATALOGUE``, else the platform's place."""
+    """Return the address of the user's catalogue: ``$FLEXSTAGE_CATALOGUE``, or the default."""
     return os.environ.get("FLEXSTAGE_CATALOGUE") or str(user_folder("data") / "catalogue.sqlite")
 
 
 def chosen_catalogue(text: str | None) -> str | None:
-    """Return the catalogue that a text names: none for 'none', the user's where nothing is said.
+    """Return the address of a catalogue: none for 'none', by default that of the user.
 
-    What cannot be opened is told behind a run; what can never be a catalogue is refused here.
+    An impossible address is refused here; failures to open a catalogue are reported after a run.
     """
     if text is None:
         return default_catalogue()
@@ -253,7 +253,7 @@ def chosen_catalogue(text: str | None) -> str | None:
 
 
 def catalogue_engine(address: str) -> Engine:
-    """Return what talks to a catalogue; nothing is opened, but the folder of a file is made.
+    """Return the engine of a catalogue; opens no connection, but creates the folder of a file.
 
     The address is the path of a file, or a URL of SQLAlchemy: ``sqlite:///PATH``,
     ``postgresql://USER@HOST/DATABASE``, ``mysql+pymysql://USER@HOST/DATABASE``...
@@ -273,29 +273,29 @@ def catalogue_engine(address: str) -> Engine:
         ) from error
     except (ArgumentError, TypeError) as error:
         raise RecordError(
-            f"SQLAlchemy knows no such database as the catalogue {address_of(address)}: give a "
-            "file, or such as postgresql://user@host/database"
+            f"SQLAlchemy does not support the database of the catalogue {address_of(address)}: "
+            "give a file, or an address such as postgresql://user@host/database"
         ) from error
 
 
 def address_of(address: str) -> str:
-    """Return an address in full, without its password."""
+    """Return the complete address, without its password."""
     return _url(address).render_as_string(hide_password=True)
 
 
 def is_absent_file(address: str) -> bool:
-    """Return whether a catalogue is a file that is not there."""
+    """Return whether a catalogue is a file that does not exist."""
     url = _url(address)
     return url.get_backend_name() == "sqlite" and not Path(url.database or "").exists()
 
 
 def in_memory() -> Engine:
-    """Return what talks to an empty catalogue that leaves nothing behind."""
+    """Return the engine of an empty catalogue in memory."""
     return _prepared(create_engine("sqlite://", poolclass=StaticPool))
 
 
 def require_address(address: str) -> None:
-    """Refuse what can be no address of a catalogue or has no driver; nothing is opened or made."""
+    """Refuse an impossible address of a catalogue, or one without a driver; opens nothing."""
     if _url(address).get_backend_name() != "sqlite":
         catalogue_engine(address)
 
@@ -308,9 +308,9 @@ def _url(address: str) -> URL:
     try:
         url = make_url(address)
     except (ArgumentError, ValueError) as error:
-        # the address may hold a password, and is not repeated
+        # the address may contain a password, and is not repeated
         raise RecordError(
-            "the address of the catalogue cannot be understood: it must be a file, or such as "
+            "the address of the catalogue is not valid: it must be a file, or an address such as "
             "postgresql://user@host/database"
         ) from error
     if url.get_backend_name() == "sqlite" and url.database in (None, "", ":memory:"):
@@ -326,7 +326,7 @@ def _sqlite(url: URL) -> Engine:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordError(
-            f"the folder of the catalogue '{path}' cannot be made: {error.strerror or error}"
+            f"the folder of the catalogue '{path}' cannot be created: {error.strerror or error}"
         ) from error
     return _prepared(create_engine(url, connect_args={"timeout": _PATIENCE}, poolclass=NullPool))
 
@@ -338,12 +338,12 @@ def _prepared(engine: Engine) -> Engine:
 
 
 def _connected(connection: Any, _record: Any) -> None:
-    # transactions are begun here and by nobody else, so that a change of the schema is one too
+    # only this module begins transactions, so that a change of the schema is one too
     connection.isolation_level = None
     connection.execute("PRAGMA foreign_keys = ON")
 
 
 def _begin(connection: Connection) -> None:
-    # a writer waits at its start: two that had both begun to read could never go on
+    # a writer waits at its start: two that had both begun to read would deadlock
     writes = connection.get_execution_options().get(WRITES, False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

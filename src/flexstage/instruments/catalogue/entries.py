@@ -1,4 +1,4 @@
-"""What a catalogue keeps: stages, runs, calibrations, models, each as a plain description."""
+"""Entries of a catalogue: stages, runs, calibrations, models."""
 
 import math
 from collections.abc import Mapping
@@ -9,22 +9,22 @@ from typing import Literal, get_args
 from flexstage.base.errors import RecordError
 from flexstage.instruments.recording.metadata import RunOrigin
 
-#: Whether a run ended as it should, was read from a broken stream, or is still one.
+#: Status of a run: complete, recovered from an incomplete stream, or still a stream.
 RunStatus = Literal["complete", "recovered", "failed"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageEntry:
-    """A stage: one description of one piece of metal."""
+    """A stage: one description of one physical stage."""
 
     name: str
     """Name of the stage."""
     serial_number: str = ""
-    """Its serial number; empty where nobody gave one."""
+    """Its serial number; empty where unknown."""
     design: str = ""
-    """Built-in design, or file, that its description comes from."""
+    """Built-in design, or file, of its description."""
     hash: str = ""
-    """SHA-256 of its description. A stage that is described anew is another entry."""
+    """SHA-256 of its description. A changed description is a new entry."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +32,7 @@ class RunEntry(RunOrigin):
     """A run: one measurement on one stage."""
 
     identifier: str
-    """32 hexadecimal digits that no other run has."""
+    """Unique identifier, 32 hexadecimal digits."""
     stage: StageEntry
     """The stage."""
     started: datetime
@@ -40,35 +40,35 @@ class RunEntry(RunOrigin):
     step: str = ""
     """The step of the plan."""
     kind: str = ""
-    """Which kind of test it is."""
+    """Kind of test."""
     axis: str = ""
     """The axis that moves."""
     instrument: str = ""
-    """What the instrument says it is."""
+    """Identity of the instrument."""
     simulated: bool = False
     """Whether it was a simulation."""
     folder: str = ""
     """The folder of the run."""
     file: str = ""
-    """The file of its samples, from there."""
+    """The file of its samples, relative to the folder."""
     sha256: str = ""
     """Hash of that file."""
     status: RunStatus = "complete"
-    """Whether it ended as it should, was read from a broken stream, or still is one."""
+    """Status: complete, recovered from an incomplete stream, or still a stream."""
     samples: int = 0
-    """Samples of each channel."""
+    """Number of samples of each channel."""
     sample_rate_hz: float = 0.0
     """Samples in a second [Hz]."""
     seed: int | None = None
     """Seed of a simulation, or of a designed command."""
     lost: str = ""
-    """What was lost, or came twice, in words; empty where nothing was."""
+    """Lost and duplicate samples, as text; empty where there are none."""
 
     def __post_init__(self) -> None:
         _require_zone(self.started, "the start of a run")
         if self.status not in get_args(RunStatus):
             raise RecordError(
-                f"the status of a run is one of {', '.join(get_args(RunStatus))}, got "
+                f"the status of a run must be one of {', '.join(get_args(RunStatus))}, got "
                 f"{self.status!r}"
             )
         if self.samples < 0 or not 0.0 <= self.sample_rate_hz < math.inf:
@@ -78,16 +78,16 @@ class RunEntry(RunOrigin):
 
     @property
     def duration(self) -> float:
-        """How long it took [s]; 0 where the rate is not known."""
+        """Duration [s]; 0 where the rate is unknown."""
         return self.samples / self.sample_rate_hz if self.sample_rate_hz else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationEntry:
-    """A value that was found for a stage, with its uncertainty."""
+    """A calibrated quantity of a stage, with its uncertainty."""
 
     what: str
-    """What it is of: ``gain of sensor x``."""
+    """The quantity: ``gain of sensor x``."""
     value: float
     """Its value, in `unit`."""
     unit: str
@@ -95,18 +95,18 @@ class CalibrationEntry:
     standard_uncertainty: float
     """Its standard uncertainty, in `unit`."""
     valid_from: datetime
-    """From when it holds, with its zone."""
+    """Start of its validity, with time zone."""
     stage: StageEntry
     """The stage."""
     run: str = ""
-    """Identifier of the run that it comes from; empty where there is none."""
+    """Identifier of the run of the calibration; empty where there is none."""
     note: str = ""
-    """What else is to be said."""
+    """Remark."""
 
     def __post_init__(self) -> None:
         _require_zone(self.valid_from, "the start of a calibration")
         if not self.what.strip():
-            raise RecordError("a calibration must say what it is of, got an empty text")
+            raise RecordError("a calibration must name its quantity, got an empty text")
         if not math.isfinite(self.value) or not 0.0 <= self.standard_uncertainty < math.inf:
             raise RecordError(
                 "a calibration needs a finite value and a standard uncertainty that is not "
@@ -116,22 +116,22 @@ class CalibrationEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelEntry:
-    """A model that was identified."""
+    """An identified model."""
 
     kind: str
-    """Which model: ``bouc-wen``, ``preisach``..."""
+    """Kind of model: ``bouc-wen``, ``preisach``..."""
     file: str
     """Its file."""
     stage: StageEntry
     """The stage."""
     created: datetime = field(default_factory=lambda: datetime.now(UTC))
-    """When it was made, with its zone."""
+    """Date and time of the identification, with time zone."""
     axis: str = ""
-    """The axis that it is of."""
+    """Its axis."""
     figures: Mapping[str, float] = field(default_factory=dict)
-    """How good it is: numbers by name."""
+    """Errors of the model, by name."""
     run: str = ""
-    """Identifier of the run that it was identified from; empty where there is none."""
+    """Identifier of the run of the identification; empty where there is none."""
     sha256: str = ""
     """Hash of its file."""
 

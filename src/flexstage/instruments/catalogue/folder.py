@@ -1,4 +1,4 @@
-"""Entering the folder of a run: from what its own files say, and from nothing else."""
+"""Catalogue entries of the folder of a run, from its own files only."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,24 +11,24 @@ from flexstage.instruments.recording.archive import examine, file_summary
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.stream import STREAM_SUFFIX
 
-#: What an entry takes from the description of its run as it is.
+#: Fields that an entry has in common with the metadata of its run.
 _SHARED = ("plan", "step", "kind", "axis", "operator", "note", "version", "seed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entered:
-    """What came of entering a folder."""
+    """Result of entering a folder."""
 
     runs: tuple[RunEntry, ...]
     """The runs of the folder."""
     new: int
-    """How many of them were not in the catalogue before."""
+    """Number of runs that were not in the catalogue before."""
     problems: tuple[str, ...]
-    """What could not be entered, and why."""
+    """Runs that could not be entered, with reasons."""
 
 
 def folder_entries(folder: str | Path) -> tuple[tuple[RunEntry, ...], tuple[str, ...]]:
-    """Return the runs whose files a folder holds, and what could not be read and why.
+    """Return the runs of a folder, and messages on files that could not be read.
 
     A run of which there is only a stream has failed.
     """
@@ -46,53 +46,53 @@ def folder_entries(folder: str | Path) -> tuple[tuple[RunEntry, ...], tuple[str,
 
 
 def enter_folder(folder: str | Path, address: str | None = None) -> Entered:
-    """Enter all runs of a folder in a catalogue, the user's own where no address is given.
+    """Enter all runs of a folder in a catalogue, by default that of the user.
 
-    A catalogue that fails is told in the problems and raises nothing.
+    A failure of the catalogue is reported in the problems, not raised.
     """
     entries, problems = folder_entries(folder)
     new = 0
-    told = list(problems)
+    all_problems = list(problems)
     try:
         with Catalogue.open(address) as catalogue:
             for entry in entries:
                 new += catalogue.enter_run(entry)
     except FlexstageError as error:
-        told.append(str(error))
-    return Entered(runs=entries, new=new, problems=tuple(told))
+        all_problems.append(str(error))
+    return Entered(runs=entries, new=new, problems=tuple(all_problems))
 
 
 def run_files(folder: Path) -> list[Path]:
-    """Return the HDF5 files of a run's folder, then the streams that none of them stands for.
+    """Return the HDF5 files of a run's folder, then the streams without an HDF5 file.
 
-    They lie in it or in its folder ``records``: one that was laid out by hand is one too.
+    They are in the folder itself or in its folder ``records``.
     """
     if not folder.is_dir():
         raise RecordError(f"there is no folder '{folder}': give the folder of a run")
     places = [place for place in (folder, folder / "records") if place.is_dir()]
-    found = sorted(p for place in places for p in place.iterdir() if not p.name.startswith("."))
-    records = [p for p in found if p.suffix == ".h5"]
-    streams = [p for p in found if p.suffix == STREAM_SUFFIX]
+    files = sorted(p for place in places for p in place.iterdir() if not p.name.startswith("."))
+    records = [p for p in files if p.suffix == ".h5"]
+    streams = [p for p in files if p.suffix == STREAM_SUFFIX]
     return records + [p for p in streams if not p.with_suffix(".h5").exists()]
 
 
 def _entry(path: Path, folder: Path) -> RunEntry:
     if path.suffix == ".h5":
-        found = file_summary(path)
-        status: RunStatus = "complete" if found.complete else "recovered"
+        summary = file_summary(path)
+        status: RunStatus = "complete" if summary.complete else "recovered"
         return _described(
-            found.metadata, path, folder, status, found.samples, found.sample_rate_hz,
-            found.lost,
+            summary.metadata, path, folder, status, summary.samples, summary.sample_rate_hz,
+            summary.lost,
         )  # fmt: skip
-    kept = examine(path)
+    recovery = examine(path)
     return _described(
-        kept.head.run, path, folder, "failed", kept.samples, kept.head.sample_rate_hz,
-        "; ".join(kept.notes),
+        recovery.head.run, path, folder, "failed", recovery.samples, recovery.head.sample_rate_hz,
+        "; ".join(recovery.notes),
     )  # fmt: skip
 
 
 def _described(
-    about: RunMetadata,
+    metadata: RunMetadata,
     path: Path,
     folder: Path,
     status: RunStatus,
@@ -100,20 +100,20 @@ def _described(
     rate: float,
     lost: str,
 ) -> RunEntry:
-    if not about.identifier:
-        raise RecordError(f"'{path}' does not say which run it is of: no writer has begun it")
+    if not metadata.identifier:
+        raise RecordError(f"'{path}' has no identifier of its run: flexstage did not record it")
     return RunEntry(
-        identifier=about.identifier,
+        identifier=metadata.identifier,
         stage=StageEntry(
-            name=about.stage,
-            serial_number=about.serial_number,
-            design=about.design,
-            hash=about.stage_hash,
+            name=metadata.stage,
+            serial_number=metadata.serial_number,
+            design=metadata.design,
+            hash=metadata.stage_hash,
         ),
-        started=about.start_time(),
-        **{name: getattr(about, name) for name in _SHARED},
-        instrument=about.texts().get("instrument", ""),
-        simulated=about.instrument.simulated,
+        started=metadata.start_time(),
+        **{name: getattr(metadata, name) for name in _SHARED},
+        instrument=metadata.texts().get("instrument", ""),
+        simulated=metadata.instrument.simulated,
         folder=str(folder),
         file=path.resolve().relative_to(folder).as_posix(),
         sha256=file_hash(path),

@@ -33,24 +33,24 @@ def open_address(
     axes: Mapping[str, str] | None = None,
     setup: NiSetup | None = None,
 ) -> NiAcquisition:
-    """Connect to an NI card; nothing moves by it.
+    """Connect to an NI card; this does not move the stage.
 
-    The address is ``ni://CARD?OPTIONS``. For each axis there is an option with the output of its
-    drive and the input of its sensor (``x=ao0,ai0``), which `axes` can give too
-    (``{"x": "ao0,ai0"}``); an axis of the stage that is not named gets those of its number.
-    ``roll=ai2`` is a further sensor, without a drive.
+    The address is ``ni://CARD?OPTIONS``. Each axis has an option with the output of its drive and
+    the input of its sensor (``x=ao0,ai0``), which can also be in `axes` (``{"x": "ao0,ai0"}``). By
+    default an axis of the stage uses the output and input of its number. ``roll=ai2`` is a further
+    sensor, without a drive.
 
-    Of sensors: ``sensitivity=10um/V`` (a real card needs it), ``offset=1.3um`` at 0 V,
+    Options of sensors: ``sensitivity=10um/V`` (required for a real card), ``offset=1.3um`` at 0 V,
     ``range=5V`` for plus and minus 5 V or ``range=0V:10V``, ``terminal=rse`` (or ``nrse``,
-    ``diff``, ``pseudo_diff``). Of drives: ``amplifier=15``, the gain [V/V] (a real card needs it),
-    ``bias=-30V`` at the drive for 0 V of the card, ``standing=12V`` at the drive when connecting.
-    Each is of all sensors or drives, or of one of them by its name behind a dot:
+    ``diff``, ``pseudo_diff``). Options of drives: ``amplifier=15``, the gain [V/V] (required for a
+    real card), ``bias=-30V`` at the drive for 0 V of the card, ``standing=12V`` at the drive when
+    connecting. Each option applies to all sensors or drives, or to one with its name after a dot:
     ``sensitivity.y=8.1um/V``.
 
-    ``rate=20kHz`` is how often outputs change, ``simulated=1`` asks for a simulated card and
-    ``seed=3`` for its noise. A card is also simulated where there is no driver for a real one: its
-    identity, its settings and the notes of every record say so. A `setup` says what is wired
-    instead of the options.
+    ``rate=20kHz`` is the update rate of the outputs, ``simulated=1`` selects a simulated card and
+    ``seed=3`` its noise. A card is also simulated where the driver of real cards is missing; its
+    identity, its settings and the notes of every record state this. A `setup` replaces the options
+    of the wiring.
 
     Examples
     --------
@@ -59,20 +59,20 @@ def open_address(
     (True, (-150.0, 150.0))
     """
     options = _parts(address)[1]
-    asked = flag(options, "simulated", False, address)
-    reason = "" if asked else driver_found()
-    simulated = asked or bool(reason)
+    requested = flag(options, "simulated", False, address)
+    reason = "" if requested else driver_found()
+    simulated = requested or bool(reason)
     if setup is None:
         setup = setup_of_address(address, stage, axes=axes, simulated=simulated)
     elif unfit := sorted((set(options) | set(axes or ())) - {"simulated", "seed"}):
         raise ModelError(
-            f"the option '{unfit[0]}' of {address!r} and 'setup' both describe the wiring: leave "
-            "one of them out"
+            f"the option '{unfit[0]}' of {address!r} and 'setup' both describe the wiring: omit "
+            "one of them"
         )
     if not simulated:
         return NiAcquisition(setup, DaqmxBackend(), stage=stage)
-    note = "simulated card, as asked for: nothing was measured" if asked else (
-        f"simulated card, since {reason}: nothing was measured"
+    note = "simulated card, as requested: not measured data" if requested else (
+        f"simulated card, since {reason}: not measured data"
     )  # fmt: skip
     return NiAcquisition(setup, _simulated(setup, stage, options, address, note), stage=stage)
 
@@ -80,7 +80,7 @@ def open_address(
 def open_card(
     address: str, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
 ) -> NiAcquisition:
-    """Connect to an NI card as `connect` does; its driver has time-outs of its own."""
+    """Connect to an NI card for `connect`; its driver has its own timeouts."""
     del timeout
     return open_address(address, stage, axes=axes)
 
@@ -92,9 +92,9 @@ def setup_of_address(
     axes: Mapping[str, str] | None = None,
     simulated: bool = False,
 ) -> NiSetup:
-    """Return what an address, as of `open_address`, says is wired.
+    """Return the wiring of an address as for `open_address`.
 
-    A simulated card needs no sensitivity and no gain of an amplifier.
+    A simulated card needs neither sensitivity nor gain of an amplifier.
 
     Examples
     --------
@@ -107,21 +107,21 @@ def setup_of_address(
     (('Dev2/ai4', 2e-06, 'rse'), (-3e-06, 'rse', (-5.0, 5.0)))
     """
     device, options = _parts(address)
-    known = [] if stage is None else [a.name for a in stage.axes]
-    wires = _wires(address, {**options, **(axes or {})}, known)
+    axis_names = [] if stage is None else [a.name for a in stage.axes]
+    wires = _wires(address, {**options, **(axes or {})}, axis_names)
     drives = [name for name, (output, _) in wires.items() if output]
     if not drives:
         raise ModelError(
             f"the address {address!r} names no axis: add its output and input, such as 'x=ao0,ai0'"
         )
-    chosen = _Chosen(address, options, sensors=list(wires), drives=drives)
+    values = _AddressOptions(address, options, sensors=list(wires), drives=drives)
     if not simulated:
-        chosen.require("sensitivity", wires, "what sensor '{}' reads for a volt", "10um/V")
-        chosen.require("amplifier", drives, "the gain of the amplifier of axis '{}'", "15")
+        values.require("sensitivity", wires, "the sensitivity of sensor '{}'", "10um/V")
+        values.require("amplifier", drives, "the gain of the amplifier of axis '{}'", "15")
     return NiSetup(
         device=device,
         inputs=tuple(
-            _sensor(chosen, name, f"{device}/{wire}", driven=bool(output))
+            _sensor(values, name, f"{device}/{wire}", driven=bool(output))
             for name, (output, wire) in wires.items()
         ),
         outputs=tuple(
@@ -129,18 +129,18 @@ def setup_of_address(
                 channel=f"{device}/{wires[axis][0]}",
                 axis=axis,
                 sensor=axis,
-                gain=chosen.read("amplifier", axis, _number, 1.0),
-                offset=chosen.read("bias", axis, _volts, 0.0),
-                standing=chosen.read("standing", axis, _volts, None),
+                gain=values.read("amplifier", axis, _number, 1.0),
+                offset=values.read("bias", axis, _volts, 0.0),
+                standing=values.read("standing", axis, _volts, None),
             )
             for axis in drives
         ),
-        output_rate_hz=chosen.read("rate", "", lambda text: parse(text, "frequency"), 10e3),
+        output_rate_hz=values.read("rate", "", lambda text: parse(text, "frequency"), 10e3),
     )
 
 
-class _Chosen:
-    """The options of an address: of all sensors or drives, or of one by its name."""
+class _AddressOptions:
+    """Options of an address, for all sensors or drives, or for one by its name."""
 
     def __init__(
         self, address: str, options: Mapping[str, str], *, sensors: Sequence[str], drives: list[str]
@@ -153,13 +153,13 @@ class _Chosen:
                 or name not in (sensors if option in _OF_SENSOR else drives)
             ):
                 raise ModelError(
-                    f"the address {address!r} has no option '{key}': sensors "
-                    f"({', '.join(sensors)}) take {', '.join(_OF_SENSOR)}, and drives "
+                    f"the address {address!r} has the unknown option '{key}': sensors "
+                    f"({', '.join(sensors)}) have {', '.join(_OF_SENSOR)}, and drives "
                     f"({', '.join(drives)}) {', '.join(_OF_DRIVE)}, as in 'range.{sensors[0]}=5V'"
                 )
 
     def require(self, option: str, names: Sequence[str] | Mapping, what: str, such: str) -> None:
-        """Refuse an address that leaves an option out for one of the names."""
+        """Refuse an address without an option for one of the names."""
         for name in names:
             if option not in self._options and f"{option}.{name}" not in self._options:
                 bare = ", or 'amplifier=1' without one" if option == "amplifier" else ""
@@ -179,18 +179,18 @@ class _Chosen:
             raise ModelError(f"'{key}' in the address {self._address!r}: {error}") from None
 
 
-def _sensor(chosen: _Chosen, name: str, channel: str, *, driven: bool) -> SensorInput:
+def _sensor(values: _AddressOptions, name: str, channel: str, *, driven: bool) -> SensorInput:
     read = _metres if driven else _gain
-    gain, unit = chosen.read("sensitivity", name, read, read(_SENSITIVITY))
+    gain, unit = values.read("sensitivity", name, read, read(_SENSITIVITY))
     quantity = {"m": "length", "rad": "angle", "N": "force"}[unit]
     return SensorInput(
         channel=channel,
         name=name,
         unit=unit,
         gain=gain,
-        offset=chosen.read("offset", name, lambda text: parse(text, quantity), 0.0),
-        voltage_range=chosen.read("range", name, _range, (-10.0, 10.0)),
-        terminal=chosen.read("terminal", name, _terminal, "default"),
+        offset=values.read("offset", name, lambda text: parse(text, quantity), 0.0),
+        voltage_range=values.read("range", name, _range, (-10.0, 10.0)),
+        terminal=values.read("terminal", name, _terminal, "default"),
     )
 
 
@@ -199,7 +199,7 @@ def _metres(text: str) -> tuple[float, str]:
 
 
 def _gain(text: str) -> tuple[float, str]:
-    """Read what a sensor without a drive reads for a volt, and its unit."""
+    """Return the sensitivity of a sensor without a drive, and its unit."""
     for quantity, unit in (("angle", "rad"), ("force", "N")):
         try:
             return parse(text.removesuffix("/V"), quantity), unit
@@ -220,7 +220,7 @@ def _volts(text: str) -> float:
 
 
 def _range(text: str) -> tuple[float, float]:
-    """Read "5V", which is plus and minus 5 V, or "0V:10V"."""
+    """Return the range of "5V", which is plus and minus 5 V, or of "0V:10V"."""
     low, colon, high = text.partition(":")
     return (_volts(low), _volts(high)) if colon else (-_volts(low), _volts(low))
 
@@ -236,7 +236,7 @@ def _parts(address: str) -> tuple[str, dict[str, str]]:
     split = urlsplit(address)
     if split.scheme != "ni" or not split.netloc or split.path.strip("/"):
         raise ModelError(
-            f"an NI card has an address such as 'ni://Dev1?x=ao0,ai0', got {address!r}"
+            f"the address of an NI card must be such as 'ni://Dev1?x=ao0,ai0', got {address!r}"
         )
     return split.netloc, options_of(address, split)
 
@@ -244,8 +244,8 @@ def _parts(address: str) -> tuple[str, dict[str, str]]:
 def _wires(
     address: str, options: Mapping[str, str], axes: Sequence[str]
 ) -> dict[str, tuple[str, str]]:
-    """Return output and input by axis, and behind them the inputs of sensors without a drive."""
-    found = {axis: (f"ao{k}", f"ai{k}") for k, axis in enumerate(axes)}
+    """Return output and input by axis, followed by the inputs of sensors without a drive."""
+    wired = {axis: (f"ao{k}", f"ai{k}") for k, axis in enumerate(axes)}
     known = (*_OF_CARD, *_OF_SENSOR, *_OF_DRIVE)
     alone: dict[str, tuple[str, str]] = {}
     for name, text in options.items():
@@ -257,7 +257,7 @@ def _wires(
             continue
         if axes and name not in axes:
             raise ModelError(
-                f"the address {address!r} has no option '{name}': it takes "
+                f"the address {address!r} has the unknown option '{name}': the options are "
                 f"{', '.join((*axes, *known))}, or a further sensor such as '{name}=ai5'"
             )
         if not re.fullmatch(r"ao\d+,ai\d+", ",".join(wires)):
@@ -265,20 +265,20 @@ def _wires(
                 f"the address {address!r} must name an output and an input for '{name}', such as "
                 f"'{name}=ao0,ai0', got {text!r}"
             )
-        found[name] = (wires[0], wires[1])
-    return found | alone
+        wired[name] = (wires[0], wires[1])
+    return wired | alone
 
 
 def _simulated(
     setup: NiSetup, stage: Stage | None, options: Mapping[str, str], address: str, note: str
 ) -> NiBackend:
-    """A card whose sensors go over 80 % of their ranges while the drives go over theirs."""
+    """Return a card whose sensors use 80 % of their ranges over the ranges of the drives."""
     seed = whole_number(options, "seed", 0, address)
     wiring: dict[str, dict[str, float]] = {}
     for drive in setup.outputs:
         low, high = drive.drive_range
-        if stage is not None and (own := stage_limits(stage, drive.axis).voltage) is not None:
-            low, high = max(low, own[0]), min(high, own[1])
+        if stage is not None and (of_stage := stage_limits(stage, drive.axis).voltage) is not None:
+            low, high = max(low, of_stage[0]), min(high, of_stage[1])
         sensor = setup.inputs[setup.number(drive.sensor) - 1]
         reach = 0.8 * min(sensor.voltage_range[1], -sensor.voltage_range[0])
         reach = reach if reach > 0.0 else 0.8 * sensor.voltage_range[1]

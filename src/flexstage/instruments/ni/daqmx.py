@@ -1,4 +1,4 @@
-"""The real driver: NI-DAQmx, by NI's own Python package."""
+"""Driver of real cards: NI-DAQmx, by NI's Python package."""
 
 import math
 import time
@@ -21,41 +21,41 @@ from flexstage.instruments.ni.setup import (
     SensorInput,
 )
 
-#: Numbers of errors by which a card is gone, or was never there.
+#: Error numbers of a card that is disconnected or does not exist.
 GONE = {-200220, -201003, -201401, -89130}
-#: Numbers of errors by which a card, or a task, does not have a property.
+#: Error numbers of a property that a card or a task does not have.
 NOT_SUPPORTED = {-200197, -200452}
-#: Numbers of errors by which a signal cannot be led from one part of a card to another.
+#: Error numbers of a signal that cannot be routed inside a card.
 NO_ROUTE = {-89136, -89139, -89140, -200368}
-#: What the numbers of the errors that come most often mean for the user.
+#: Messages of frequent errors, by number.
 SENTENCES = {
     -200220: "there is no such card: look up its name in NI MAX",
-    -201003: "the card cannot be reached: look at its cable and power",
+    -201003: "the card cannot be reached: check its cable and power",
     -200279: "samples were overwritten before they were read: record more slowly or fewer sensors",
     -200222: "samples came faster than they were read: record more slowly or fewer sensors",
     -200290: "the outputs ran out of samples: run the waveform more slowly",
     -200621: "the outputs ran out of samples: run the waveform more slowly",
     -50103: "another program or task uses the same channels of the card: end it first",
-    -200284: "the samples did not come in time: look whether the clock of the card runs",
+    -200284: "the samples did not arrive in time: check that the clock of the card runs",
     -200019: "the card cannot convert so fast: record more slowly or fewer sensors",
     -200081: "the card cannot sample all inputs at this rate: record more slowly or fewer sensors",
-    -200077: "the card does not take one of the settings, such as a range or a rate",
+    -200077: "the card does not support one of the settings, such as a range or a rate",
     -200170: "the card has no such channel: look up its channels in NI MAX",
     -200561: "a voltage is outside the range of the output",
     **dict.fromkeys(
         NO_ROUTE,
-        "the outputs of this card cannot take the clock of its inputs: use a card of the M or X "
+        "the outputs of this card cannot use the clock of its inputs: use a card of the M or X "
         "series",
     ),
 }
 _TIMEOUT = 10.0
 _WIDEST = 10.0  # range in which outputs are read back [V]
-#: Categories of the driver whose cards lead the clock of their inputs to their outputs.
+#: Product categories of cards that can route the clock of their inputs to their outputs.
 _FAMILIES = ("M_SERIES_DAQ", "X_SERIES_DAQ", "S_SERIES_DAQ", "E_SERIES_DAQ", "MIODAQ")
 
 
 def driver_found() -> str:
-    """Say why NI-DAQmx cannot be used here; empty where it can."""
+    """Return the reason why NI-DAQmx cannot be used here; empty where it can."""
     try:
         import nidaqmx
         from nidaqmx.errors import DaqNotFoundError, DaqNotSupportedError, Error
@@ -75,15 +75,15 @@ def driver_found() -> str:
 class DaqmxBackend(NiBackend):
     """NI cards by NI-DAQmx.
 
-    Inputs are sampled without end into a buffer and read from there. Outputs take the sample
-    clock of the inputs, which is routed inside the card, and are started first: they wait for its
-    first edge, so that no start trigger is needed, and none is used, since one that came a few
-    ticks before or after that edge would shift the outputs by a sample. The first input is sampled
-    at the edge at which the output of the same number changes, and sees the output before.
+    Inputs are sampled continuously into a buffer. Outputs use the sample clock of the inputs, which
+    is routed inside the card, and are started first: they wait for its first edge. So no start
+    trigger is necessary; a trigger a few ticks before or after that edge could shift the outputs by
+    a sample. The first input is sampled at the edge at which the output of the same number changes,
+    and reads the previous output.
 
-    Validity: with drives, cards of the M and X series (S, E and mioDAQ are let through too, and
-    the driver decides), inputs and outputs on one card; not CompactDAQ, whose modules have the
-    clocks of their chassis, and not USB-600x, whose outputs do not take the clock of the inputs.
+    Validity: with drives, cards of the M and X series (S, E and mioDAQ are accepted too, and the
+    driver decides), with inputs and outputs on one card; not CompactDAQ, whose modules use the
+    clocks of their chassis, and not USB-600x, whose outputs cannot use the clock of the inputs.
     Without drives, any card with analogue inputs. Outputs are read back on the multiplexed cards of
     the M and X series.
     """
@@ -111,9 +111,7 @@ class DaqmxBackend(NiBackend):
                 model=str(card.product_type),
                 serial_number=f"{card.serial_num:08X}",
                 simulated=simulated,
-                note=f"card simulated by NI MAX: nothing was measured; {note}"
-                if simulated
-                else note,
+                note=f"card simulated by NI MAX: not measured data; {note}" if simulated else note,
                 single_rate_hz=float(card.ai_max_single_chan_rate),
                 total_rate_hz=float(card.ai_max_multi_chan_rate),
                 output_rate_hz=float(card.ao_max_rate) if setup.outputs else math.inf,
@@ -121,17 +119,17 @@ class DaqmxBackend(NiBackend):
             )
 
     def _require_shared_clock(self, card: Any, device: str) -> None:
-        """Refuse a card whose outputs cannot take the clock of its inputs."""
+        """Refuse a card whose outputs cannot use the clock of its inputs."""
         try:
             family = str(card.product_category.name)
-        except ValueError:  # a category that is younger than the package
+        except ValueError:  # a category that is newer than the package
             family = "UNKNOWN"
         if family in _FAMILIES and card.ao_samp_clk_supported:
             return
         raise ModelError(
-            f"the outputs of card '{device}' ({card.product_type}) cannot take the clock of its "
+            f"the outputs of card '{device}' ({card.product_type}) cannot use the clock of its "
             "inputs, which drives need: use a card of the M or X series, such as USB-6211 or "
-            "PCIe-6321, or wire sensors alone"
+            "PCIe-6321, or connect sensors only"
         )
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
@@ -154,7 +152,7 @@ class DaqmxBackend(NiBackend):
         unknown, data = np.full(len(outputs), np.nan), np.zeros(len(outputs))
         device = _device(outputs[0].channel)
         with self._sentences("the inputs"), self._task() as task:
-            if self._ni.system.Device(device).is_simulated:  # it would read a sine
+            if self._ni.system.Device(device).is_simulated:  # a simulated card reads a sine
                 return unknown
             for drive in outputs:
                 name = drive.channel.strip("/").rsplit("/", maxsplit=1)[-1]
@@ -188,7 +186,7 @@ class DaqmxBackend(NiBackend):
     ) -> "_Output":
         constants = self._ni.constants
         device = clock.device if isinstance(clock, _Input) else ""
-        if volts.shape[1] == 1:  # a finite task has two samples at least
+        if volts.shape[1] == 1:  # a finite task needs at least two samples
             volts = np.repeat(volts, 2, axis=1)
         with self._sentences("the outputs"), self._task(keep=True) as task:
             self._add_outputs(task, outputs)
@@ -229,7 +227,7 @@ class DaqmxBackend(NiBackend):
             )
 
     def _interval(self, task: Any, device: str, inputs: Sequence[SensorInput]) -> float:
-        """Time from one conversion to the next [s]; not a number where the driver has none."""
+        """Return the time between conversions [s]; NaN where the driver does not report it."""
         if len(inputs) == 1:
             return 0.0
         if self._ni.system.Device(device).ai_simultaneous_sampling_supported:
@@ -243,31 +241,31 @@ class DaqmxBackend(NiBackend):
 
     @contextmanager
     def _task(self, *, keep: bool = False) -> Iterator[Any]:
-        """Make a task, and close it after the block; one to `keep` only where the block fails."""
+        """Create a task, and close it after the block; with `keep`, only if the block fails."""
         task = self._ni.Task()
-        whole = False
+        complete = False
         try:
             yield task
-            whole = True
+            complete = True
         finally:
-            if not (keep and whole):
+            if not (keep and complete):
                 task.close()
 
     @contextmanager
     def _sentences(self, what: str) -> Iterator[None]:
-        """Turn errors of the driver into ours, one sentence each."""
+        """Translate errors of the driver into errors of flexstage."""
         errors = self._ni.errors
         try:
             yield
         except (errors.DaqNotFoundError, errors.DaqNotSupportedError) as error:
             raise NotConnectedError(
-                "the driver NI-DAQmx is not installed on this computer: install it from NI, or ask "
-                "for a simulated card"
+                "the driver NI-DAQmx is not installed on this computer: install it from NI, or use "
+                "a simulated card"
             ) from error
         except errors.DaqError as error:
             code = int(error.error_code)
-            meant = SENTENCES.get(code, str(error).splitlines()[0].rstrip("."))
-            message = f"NI-DAQmx refuses {what} with error {code}: {meant}"
+            meaning = SENTENCES.get(code, str(error).splitlines()[0].rstrip("."))
+            message = f"NI-DAQmx refuses {what} with error {code}: {meaning}"
             if code in GONE:
                 raise NotConnectedError(message) from error
             raise ControllerError(message, code) from error
@@ -293,10 +291,10 @@ class _Input:
     def read(self, count: int) -> Array:
         data = np.zeros((self._channels, count))
         with self._backend._sentences("the inputs"):
-            found = self._reader.read_many_sample(
+            count_read = self._reader.read_many_sample(
                 data, number_of_samples_per_channel=count, timeout=_TIMEOUT
             )
-        return data[:, :found]
+        return data[:, :count_read]
 
     def close(self) -> None:
         with self._backend._sentences("the inputs"):
@@ -306,7 +304,7 @@ class _Input:
 class _Output:
     def __init__(self, backend: DaqmxBackend, task: Any) -> None:
         self._backend, self._task = backend, task
-        # A task that was stopped does not tell how far it had come: asked before, and kept.
+        # A stopped task does not report its progress, which is therefore read before the stop.
         self._ended: tuple[bool, int] | None = None
 
     def start(self) -> None:

@@ -1,4 +1,4 @@
-"""The recorder of a card: all its sensors at one clock, and what was given to the drives."""
+"""The recorder of a card: all its sensors at one clock, and the voltages of the drives."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -15,20 +15,20 @@ from flexstage.records import Channel, Record
 Numbers = NDArray[np.int64]
 
 _SIGNALS, _CAPACITY = 64, 20_000_000
-_BUFFER_TIME = 10.0  # how long the driver keeps samples that are not read [s]
+_BUFFER_TIME = 10.0  # duration of the driver's buffer [s]
 
 
 class NiRecorder(Recorder):
-    """Records sensors and voltages of a card.
+    """Recorder of sensors and voltages of a card.
 
-    Where drives are wired, the card samples at a multiple of the rate that is asked for, so that
-    the outputs, which share the clock, change often enough; the samples between are left out
-    without a filter.
+    With drives, the card samples at a multiple of the requested rate, so that the outputs, which
+    share the clock, have a sufficient update rate; the additional samples are dropped without a
+    filter.
     """
 
     def __init__(self, backend: NiBackend, setup: NiSetup, card: CardInfo) -> None:
         self._backend, self._setup, self._card = backend, setup, card
-        #: Whether outputs go with the clock of the record, which may then not end.
+        #: Whether outputs use the clock of the record, which must not stop then.
         self.busy: Callable[[], bool] = lambda: False
         self.base_rate_hz = card.largest_rate_hz(len(setup.inputs))
         self.capacity, self.signals = _CAPACITY // len(setup.inputs), _SIGNALS
@@ -36,7 +36,7 @@ class NiRecorder(Recorder):
         self._rate, self._divider, self._samples = setup.output_rate_hz, 1, 0
         self._task: InputTask | None = None
         self._started = False
-        self._ticks = 0  # samples of the clock that were read
+        self._ticks = 0  # samples read, at the rate of the clock
         self._parts: list[Array] = []
         self._latest: Array | None = None
         self._standing = {d.axis: np.array([d.begins_at]) for d in setup.outputs}
@@ -44,22 +44,22 @@ class NiRecorder(Recorder):
         usual = setup.output_rate_hz
         if setup.outputs:
             self._require_rate(usual)
-        #: Time from one sensor's conversion to the next one's [s], as of `InputTask`.
-        self.interval = self._kept_timing(min(usual, self.base_rate_hz))[1]
+        #: Time between the conversions of successive sensors [s], as for `InputTask`.
+        self.interval = self._actual_timing(min(usual, self.base_rate_hz))[1]
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
         for signal in signals:
             self._source(signal)
         if not 1 <= samples <= self.capacity:
-            raise ModelError(f"a record has 1 to {self.capacity} samples, got {samples}")
+            raise ModelError(f"a record must have 1 to {self.capacity} samples, got {samples}")
         self._require_rate(rate_hz)
         self.release()
         changes = self._setup.output_rate_hz if self._setup.outputs else rate_hz
         divider = max(math.ceil(changes / rate_hz * (1.0 - 1e-9)), 1)
         divider = max(min(divider, math.floor(self.base_rate_hz / rate_hz)), 1)
-        kept, self.interval = self._kept_timing(rate_hz * divider)
+        clock_rate, self.interval = self._actual_timing(rate_hz * divider)
         self._signals, self._samples, self._divider = tuple(signals), samples, divider
-        self._rate = kept / divider
+        self._rate = clock_rate / divider
         return self._rate
 
     def arm(self) -> None:
@@ -77,11 +77,11 @@ class NiRecorder(Recorder):
     def read(self, first: int, count: int) -> Record:
         if first < 0 or count < 2 or first + count > self.available():
             raise ModelError(
-                f"samples {first} to {first + count - 1} are asked for, 2 at least, and "
-                f"{self.available()} are there"
+                f"samples {first} to {first + count - 1} were requested, at least 2, and "
+                f"{self.available()} are available"
             )
         k = np.arange(first, first + count, dtype=np.int64)
-        volts = self._kept(first, count)
+        volts = self._samples_at(first, count)
         return Record(
             channels=tuple(
                 Channel(name=s.name, values=self._values(s, volts, k), unit=self._unit(s))
@@ -95,15 +95,15 @@ class NiRecorder(Recorder):
     # with the outputs -----------------------------------------------------------------------------
 
     def clock(self) -> tuple[InputTask, bool] | None:
-        """Return the clock of a record that waits or runs, and whether it has started."""
+        """Return the clock of an armed or running record, and whether it has started."""
         if self._task is None:
             return None
         return self._task, self._started
 
-    def given(self, voltages: Mapping[str, Array], first: bool) -> None:
-        """Keep the voltages by axis [V], shape (n,), that are put out from now on.
+    def note_voltages(self, voltages: Mapping[str, Array], first: bool) -> None:
+        """Note the voltages by axis [V], shape (n,), that are output from now on.
 
-        They go with the clock of the record, and where they are its `first`, it starts with them.
+        They use the clock of the record; with `first`, the record starts with them.
         """
         self._standing.update({axis: values[-1:] for axis, values in voltages.items()})
         if self._task is None:
@@ -115,31 +115,31 @@ class NiRecorder(Recorder):
             self._voltages.setdefault(axis, []).append((tick, values))
 
     def drain(self) -> None:
-        """Read what the driver has kept, so that its buffer does not run over."""
+        """Read the driver's buffer, so that it does not overflow."""
         task = self._task  # another thread may end the record
         if task is None or not self._started or (count := task.available()) == 0:
             return
-        found = task.read(count)
-        self._latest = found[:, -1]
+        samples = task.read(count)
+        self._latest = samples[:, -1]
         lead = -self._ticks % self._divider
-        self._ticks += found.shape[1]
+        self._ticks += samples.shape[1]
         if self._size < self._samples:
-            self._parts.append(found[:, lead :: self._divider])
+            self._parts.append(samples[:, lead :: self._divider])
 
     def rest(self) -> None:
-        """Give the inputs free when all samples are there and no output needs their clock."""
+        """Release the inputs when the record is complete and no output needs their clock."""
         if self._task is not None and self._started and self.full and not self.busy():
             self.release()
 
     def latest(self) -> Array | None:
-        """Return what the inputs gave last while a record runs [V], shape (channels,)."""
+        """Return the latest voltages of the inputs during a record [V], shape (channels,)."""
         if self._task is None or not self._started:
             return None
         self.drain()
         return self._latest
 
     def release(self) -> None:
-        """Stop the clock and give the inputs free; what was recorded can still be read."""
+        """Stop the clock and release the inputs; recorded samples can still be read."""
         task, self._task = self._task, None
         self._started = False
         if task is not None:
@@ -147,7 +147,7 @@ class NiRecorder(Recorder):
 
     @property
     def full(self) -> bool:
-        """Whether all samples are there."""
+        """Whether the record is complete."""
         return self._size >= self._samples
 
     @property
@@ -166,8 +166,8 @@ class NiRecorder(Recorder):
                 f"{self._card.rate_limit(len(self._setup.inputs))}, got {rate_hz!r} Hz"
             )
 
-    def _kept_timing(self, rate_hz: float) -> tuple[float, float]:
-        """Rate and interval of conversions that the card keeps for a rate."""
+    def _actual_timing(self, rate_hz: float) -> tuple[float, float]:
+        """Return the actual rate and interval of conversions for a requested rate."""
         task = self._backend.open_input(self._setup.inputs, rate_hz, 1000)
         try:
             return task.rate_hz, task.interval
@@ -176,7 +176,7 @@ class NiRecorder(Recorder):
 
     def _open(self) -> InputTask:
         if not self._signals:
-            raise ControllerError("nothing is to be recorded: configure the recorder first")
+            raise ControllerError("no signals are selected: configure the recorder first")
         self.release()
         self._parts, self._ticks, self._latest = [], 0, None
         self._voltages = {axis: [(0, value)] for axis, value in self._standing.items()}
@@ -186,20 +186,20 @@ class NiRecorder(Recorder):
         )
         return self._task
 
-    def _kept(self, first: int, count: int) -> Array:
+    def _samples_at(self, first: int, count: int) -> Array:
         if len(self._parts) > 1:
             self._parts = [np.hstack(self._parts)]
         return self._parts[0][:, first : first + count]
 
     def _values(self, signal: Signal, volts: Array, k: Numbers) -> Array:
         if signal.kind == "voltage":
-            return self._given_at(signal.source, k * self._divider)
+            return self._voltages_at(signal.source, k * self._divider)
         number = self._source(signal)
         return self._setup.inputs[number - 1].reading(volts[number - 1])
 
-    def _given_at(self, axis: str, ticks: Numbers) -> Array:
+    def _voltages_at(self, axis: str, ticks: Numbers) -> Array:
         out = np.empty(ticks.size)
-        for tick, values in self._voltages[axis]:  # the first of them begins at 0
+        for tick, values in self._voltages[axis]:  # the first one starts at 0
             later = ticks >= tick
             out[later] = values[np.minimum(ticks[later] - tick, values.size - 1)]
         return out

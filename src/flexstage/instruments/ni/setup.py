@@ -1,4 +1,4 @@
-"""How a card is wired and set, and what a driver of it must be able to do."""
+"""Wiring and settings of an NI card, and the interface of its drivers."""
 
 import math
 from collections import Counter
@@ -30,28 +30,28 @@ class SensorInput:
     channel: str
     """The input: ``Dev1/ai0``."""
     name: str
-    """What it reads."""
+    """Name of the reading."""
     unit: str = "m"
-    """SI unit of what it reads: ``m``, ``rad``, ``N``."""
+    """SI unit of the reading: ``m``, ``rad``, ``N``."""
     gain: float
-    """What it reads for a volt [m/V, rad/V, N/V]; negative where the sensor faces the motion."""
+    """Sensitivity [m/V, rad/V, N/V]; negative where the sensor faces the motion."""
     offset: float = 0.0
-    """What it reads at 0 V [m, rad, N]."""
+    """Reading at 0 V [m, rad, N]."""
     voltage_range: Range = (-10.0, 10.0)
     """Range of the input [V]."""
     terminal: Terminal = "default"
-    """How it is wired: ``default``, ``diff``, ``nrse``, ``pseudo_diff``, ``rse``."""
+    """Terminal configuration: ``default``, ``diff``, ``nrse``, ``pseudo_diff``, ``rse``."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gain) and self.gain != 0.0 and math.isfinite(self.offset)):
             raise ModelError(
                 f"the gain of sensor '{self.name}' must be finite and not zero, got {self.gain!r}: "
-                "give what it reads for a volt"
+                "give its reading per volt"
             )
         _require_rise(self.voltage_range, f"sensor '{self.name}'")
 
     def reading(self, volts: Array) -> Array:
-        """Return what the sensor reads [m, rad, N] at voltages [V] of the input, any shape."""
+        """Return the readings [m, rad, N] at voltages [V] of the input, any shape."""
         return self.gain * volts + self.offset
 
 
@@ -78,13 +78,12 @@ class DriveOutput:
     gain: float = 1.0
     """Gain of the amplifier [V/V]."""
     offset: float = 0.0
-    """Voltage at the drive when the card gives 0 V [V]."""
+    """Voltage at the drive for 0 V of the card [V]."""
     voltage_range: Range = (-10.0, 10.0)
     """Range of the output [V]."""
     standing: float | None = None
-    """Voltage at the drive when the program begins [V]. A card that can read its outputs back is
-    asked, and must agree; one that cannot is taken to give 0 V, as after it is switched on,
-    where nothing is given.
+    """Voltage at the drive when the program starts [V]. A card that can read its outputs back must
+    confirm it. Without a value, a card that cannot is assumed to output 0 V, as after power-on.
     """
 
     def __post_init__(self) -> None:
@@ -97,50 +96,50 @@ class DriveOutput:
         low, high = self.drive_range
         if not low <= self.begins_at <= high:
             raise ModelError(
-                f"the drive of axis '{self.axis}' cannot stand at {self.begins_at:g} V: its output "
-                f"and amplifier give {low:g} to {high:g} V"
+                f"the drive of axis '{self.axis}' cannot be at {self.begins_at:g} V: the range of "
+                f"its output and amplifier is {low:g} to {high:g} V"
             )
 
     @property
     def begins_at(self) -> float:
-        """Voltage at the drive when the program begins [V]."""
+        """Voltage at the drive when the program starts [V]."""
         return self.offset if self.standing is None else self.standing
 
     @property
     def drive_range(self) -> Range:
-        """What the output and the amplifier can give to the drive [V]."""
+        """Voltage range of the output with its amplifier at the drive [V]."""
         low, high = self.voltage_range
         return self.gain * low + self.offset, self.gain * high + self.offset
 
     def output(self, voltage: Array) -> Array:
-        """Return what the card must give [V] for voltages at the drive [V], any shape."""
+        """Return the voltages of the card [V] for voltages at the drive [V], any shape."""
         return (voltage - self.offset) / self.gain
 
     def voltage(self, output: Array) -> Array:
-        """Return what the drive gets [V] for voltages of the card [V], any shape."""
+        """Return the voltages at the drive [V] for voltages of the card [V], any shape."""
         return self.gain * output + self.offset
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NiSetup:
-    """A card and all that is wired to it."""
+    """A card with its wiring."""
 
     device: str
     """Name of the card: ``Dev1``."""
     inputs: tuple[SensorInput, ...]
-    """Its sensors; their numbers count from 1 in this order."""
+    """Its sensors; they are numbered from 1 in this order."""
     outputs: tuple[DriveOutput, ...] = ()
     """Its drives."""
     output_rate_hz: float = 10e3
-    """How often the outputs change at least while a waveform runs [Hz]."""
+    """Lowest update rate of the outputs during a waveform [Hz]."""
     lead_to_safe: bool = True
-    """Whether `close` leads the drives to their safe voltages: a card goes on giving what it gave
-    when nobody watches any more.
+    """Whether `close` ramps the drives to their safe voltages. Without this, a card keeps its
+    output voltages after the program has ended.
     """
 
     def __post_init__(self) -> None:
         if not self.inputs:
-            raise ModelError(f"card '{self.device}' needs one sensor or more, got none")
+            raise ModelError(f"card '{self.device}' needs at least one sensor, got none")
         for what, names in (
             ("sensors have the name", [s.name for s in self.inputs]),
             ("axes have the name", [d.axis for d in self.outputs]),
@@ -173,7 +172,7 @@ def _require_rise(bounds: Range, what: str) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CardInfo:
-    """What the driver reports about a card.
+    """Properties of a card that the driver reports.
 
     Examples
     --------
@@ -186,15 +185,15 @@ class CardInfo:
     """
 
     vendor: str
-    """Who made it."""
+    """Manufacturer."""
     model: str
-    """Which card it is."""
+    """Model."""
     serial_number: str = ""
-    """Its serial number; empty where it has none."""
+    """Serial number; empty where it has none."""
     simulated: bool
-    """Whether there is no hardware behind it, so that nothing it gives was measured."""
+    """Whether it is a simulation, whose data are not measured."""
     note: str
-    """What a reader of a record should know of the driver."""
+    """Note on the driver, for records."""
     single_rate_hz: float
     """Largest rate of a single input [Hz]."""
     total_rate_hz: float
@@ -202,14 +201,14 @@ class CardInfo:
     output_rate_hz: float
     """Largest rate of its outputs [Hz]; infinite where none is used."""
     simultaneous: bool
-    """Whether each input has a converter of its own; else they share one by a multiplexer."""
+    """Whether each input has its own converter; otherwise they share one by a multiplexer."""
 
     def largest_rate_hz(self, inputs: int) -> float:
-        """Return the largest rate at which so many inputs, and the outputs in use, go together."""
+        """Return the largest common rate of a number of inputs and the outputs in use."""
         return min(self._input_rate_hz(inputs), self.output_rate_hz)
 
     def rate_limit(self, inputs: int) -> str:
-        """Return the same rate as text, with what it is limited by."""
+        """Return this rate as text, with the reason of the limit."""
         rate = self.largest_rate_hz(inputs)
         if rate < self._input_rate_hz(inputs):
             return f"{rate:.6g} Hz (limit of its outputs)"
@@ -223,13 +222,13 @@ class CardInfo:
 
 
 class InputTask(Protocol):
-    """Inputs that are sampled by a clock without end, once started."""
+    """Inputs that are sampled by a clock continuously, once started."""
 
     rate_hz: float
-    """Rate that the card keeps [Hz]."""
+    """Actual rate of the card [Hz]."""
     interval: float
-    """Time from one input's conversion to the next one's [s]; zero where all are converted at once,
-    not a number where the driver does not report it.
+    """Time between the conversions of successive inputs [s]; zero for simultaneous conversion, NaN
+    where the driver does not report it.
     """
 
     def start(self) -> None:
@@ -237,42 +236,42 @@ class InputTask(Protocol):
         ...
 
     def available(self) -> int:
-        """Return how many samples of each input wait to be read."""
+        """Return the number of unread samples of each input."""
         ...
 
     def read(self, count: int) -> Array:
-        """Return the oldest samples that were not read [V], shape (channels, count)."""
+        """Return the oldest unread samples [V], shape (channels, count)."""
         ...
 
     def close(self) -> None:
-        """Stop the clock and give the inputs free."""
+        """Stop the clock and release the inputs."""
         ...
 
 
 class OutputTask(Protocol):
-    """Samples that are put out once by a clock; the outputs hold the last one."""
+    """Samples that are output once by a clock; the outputs keep the last one."""
 
     def start(self) -> None:
-        """Begin, with the next edge of the clock."""
+        """Start with the next edge of the clock."""
         ...
 
     def done(self) -> bool:
-        """Say whether the last sample was put out; after a stop, whether it was before."""
+        """Return whether the last sample was output; after a stop, whether it was before."""
         ...
 
     def stop(self) -> None:
-        """Stop where it is, from any thread."""
+        """Stop at the present sample, from any thread."""
         ...
 
     def generated(self) -> int:
-        """Return how many samples left the driver; -1 where it is not known.
+        """Return the number of samples that left the driver; -1 where it is unknown.
 
-        Up to the size of the card's memory they may be ahead of what was put out.
+        It may exceed the number of samples that were output by up to the card's memory.
         """
         ...
 
     def close(self) -> None:
-        """Give the outputs free; they hold what they give."""
+        """Release the outputs; they keep their voltages."""
         ...
 
 
@@ -284,22 +283,22 @@ class NiBackend(Protocol):
         ...
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
-        """Return what stands at inputs now [V], shape (channels,)."""
+        """Return the present voltages of inputs [V], shape (channels,)."""
         ...
 
     def write_now(self, outputs: Sequence[DriveOutput], volts: Array) -> None:
-        """Put out voltages now [V], shape (channels,)."""
+        """Output voltages now [V], shape (channels,)."""
         ...
 
     def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
-        """Measure what outputs give, by internal channels of the card [V], shape (channels,).
+        """Measure the voltages of outputs, by internal channels of the card [V], shape (channels,).
 
-        Not a number where the card has none; refused while the inputs are in use.
+        NaN where the card has no such channels; refused while the inputs are in use.
         """
         ...
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> InputTask:
-        """Prepare inputs; `buffer` samples of each are kept until they are read."""
+        """Prepare inputs; `buffer` is the number of buffered samples of each."""
         ...
 
     def open_output(
@@ -312,8 +311,8 @@ class NiBackend(Protocol):
     ) -> OutputTask:
         """Prepare outputs for voltages [V], shape (channels, n).
 
-        They take the clock of the inputs, and their own of `rate_hz` where there are none. Inputs
-        that start later put out the first sample with their own first one.
+        They use the clock of the inputs, or their own clock of `rate_hz` without inputs. If the
+        inputs start later, the first sample is output with their first one.
         """
         ...
 
@@ -322,5 +321,5 @@ class NiBackend(Protocol):
         ...
 
     def close(self) -> None:
-        """Give all free."""
+        """Release all resources."""
         ...

@@ -1,4 +1,4 @@
-"""A card that is not there: its sensors follow its drives by straight lines."""
+"""A simulated card, whose sensors are linear functions of its drives."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,9 +17,9 @@ from flexstage.instruments.ni.setup import (
     SensorInput,
 )
 
-_CALL = 1e-4  # what a call takes [s]
+_CALL = 1e-4  # duration of a call [s]
 _RATE = 250e3  # of all inputs together, and of the outputs [Hz]
-_SETTLING = 10e-6  # that the driver leaves beside each conversion where there is time [s]
+_SETTLING = 10e-6  # settling time that the driver adds to each conversion if possible [s]
 
 
 class SimulatedBackend(NiBackend):
@@ -28,16 +28,16 @@ class SimulatedBackend(NiBackend):
     .. math:: v_i(t) = a_i + \sum_j g_{ij} u_j(t) + e
 
     An output changes at an edge of its clock, and an input that is sampled at the same edge still
-    sees what was before, as it is with a card. Inputs are converted one after the other, unless
+    reads the previous output, as with a real card. Inputs are converted one after the other, unless
     `simultaneous`.
 
-    `wiring` is the change of each input by outputs [V/V]: ``{"Dev1/ai0": {"Dev1/ao0": 0.7}}``.
-    `at_rest` is what inputs read with all outputs at 0 V [V], `noise` their standard deviation [V],
-    `standing` what outputs give when the program begins [V]; they can be read back if they are
-    `readable`. `note` says why there is no card.
+    `wiring` is the gain from outputs to each input [V/V]: ``{"Dev1/ai0": {"Dev1/ao0": 0.7}}``.
+    `at_rest` are the inputs with all outputs at 0 V [V], `noise` their standard deviation [V],
+    `standing` the outputs when the program starts [V]; they can be read back if they are
+    `readable`. `note` is the reason for the simulation.
 
-    Validity: for trying a program without a card; nothing of the stage is in it. Time passes by
-    `pause` and a little by each call.
+    Validity: for tests of a program without a card; it has no model of the stage. Time passes by
+    `pause` and slightly by each call.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class SimulatedBackend(NiBackend):
         at_rest: Mapping[str, float] | None = None,
         noise: float = 0.0,
         seed: int = 0,
-        note: str = "simulated: asked for",
+        note: str = "simulated, as requested",
         simultaneous: bool = False,
         standing: Mapping[str, float] | None = None,
         readable: bool = True,
@@ -84,7 +84,7 @@ class SimulatedBackend(NiBackend):
         if self._output is not None:
             raise ControllerError("the outputs are reserved by a waveform", -50103)
         if self._input is not None:
-            self._input.sample()  # what was before is sampled as it was
+            self._input.sample()  # up to now with the previous voltages
         for drive, value in zip(outputs, volts, strict=True):
             self._standing[drive.channel] = float(value)
 
@@ -95,12 +95,12 @@ class SimulatedBackend(NiBackend):
         if self._input is not None:
             raise ControllerError("the inputs are reserved by a record", -50103)
         now = np.array([self.now])
-        return np.array([self._given(d.channel, now)[0] for d in outputs])
+        return np.array([self._voltages(d.channel, now)[0] for d in outputs])
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> "_Input":
-        # a timebase of 100 MHz is divided by a whole number
-        kept = 1e8 / max(math.floor(1e8 / rate_hz * (1.0 + 1e-12)), 1)
-        self._input = _Input(self, inputs, kept, buffer)
+        # a timebase of 100 MHz is divided by an integer
+        rate = 1e8 / max(math.floor(1e8 / rate_hz * (1.0 + 1e-12)), 1)
+        self._input = _Input(self, inputs, rate, buffer)
         return self._input
 
     def open_output(
@@ -124,26 +124,26 @@ class SimulatedBackend(NiBackend):
         self._input = self._output = None
 
     def read_at(self, inputs: Sequence[SensorInput], time: Array, interval: float = 0.0) -> Array:
-        """Return what inputs see at rising times of the first [V], shape (channels, n), clipped.
+        """Return the inputs at ascending times of the first one [V], shape (channels, n), clipped.
 
         Each further input is converted an `interval` later [s]. An output that changes at one of
-        the times is not yet counted.
+        the times has its previous value.
         """
         out = np.empty((len(inputs), time.size))
         for k, sensor in enumerate(inputs):
             out[k] = self._at_rest.get(sensor.channel, 0.0)
             for channel, gain in self._wiring.get(sensor.channel, {}).items():
-                out[k] += gain * self._given(channel, time + k * interval)
+                out[k] += gain * self._voltages(channel, time + k * interval)
             if self._noise:
                 out[k] += self._noise * self._rng.standard_normal(time.size)
             np.clip(out[k], *sensor.voltage_range, out=out[k])
         return out
 
-    def _given(self, channel: str, time: Array) -> Array:
+    def _voltages(self, channel: str, time: Array) -> Array:
         standing = self._standing.get(channel, 0.0)
         if self._output is None or channel not in self._output.channels:
             return np.full(time.size, standing)
-        return self._output.given(channel, time, standing)
+        return self._output.voltages(channel, time, standing)
 
     def _call(self) -> None:
         self.now += _CALL
@@ -168,7 +168,7 @@ class _Input:
         self.rate_hz, self.begin = rate, math.inf
         fastest = min(1.0 / _RATE + _SETTLING, 1.0 / (rate * len(inputs)))
         self.interval = 0.0 if owner.simultaneous or len(inputs) == 1 else fastest
-        self._kept = np.empty((len(inputs), 0))
+        self._samples = np.empty((len(inputs), 0))
         self._sampled = 0
 
     def start(self) -> None:
@@ -176,27 +176,27 @@ class _Input:
         self.begin = self._owner.now
 
     def sample(self) -> None:
-        """Take all samples up to now: before an output task begins or ends, and when asked."""
+        """Sample up to now: before an output task starts or ends, and on request."""
         until = self._owner.now - self.begin
         total = 0 if until < 0.0 else math.floor(until * self.rate_hz + 1e-6) + 1
         if total > self._sampled:
             time = self.begin + np.arange(self._sampled, total) / self.rate_hz
-            self._kept = np.hstack(
-                [self._kept, self._owner.read_at(self._inputs, time, self.interval)]
+            self._samples = np.hstack(
+                [self._samples, self._owner.read_at(self._inputs, time, self.interval)]
             )
             self._sampled = total
 
     def available(self) -> int:
         self._owner._call()
         self.sample()
-        if self._kept.shape[1] > self._buffer:
+        if self._samples.shape[1] > self._buffer:
             raise ControllerError(
                 "samples were overwritten before they were read: read more often", -200279
             )
-        return self._kept.shape[1]
+        return self._samples.shape[1]
 
     def read(self, count: int) -> Array:
-        out, self._kept = self._kept[:, :count], self._kept[:, count:]
+        out, self._samples = self._samples[:, :count], self._samples[:, count:]
         return out
 
     def close(self) -> None:
@@ -222,9 +222,9 @@ class _Output:
         self._owner._call()
         if self._clock is None:
             self._begin = self._owner.now
-        elif self._clock.begin == math.inf:  # its first edge will be the first of the outputs
+        elif self._clock.begin == math.inf:  # the outputs start with its first edge
             self._armed = True
-        else:  # with the next edge of a clock that runs
+        else:  # with the next edge of a running clock
             self._clock.sample()
             edges = math.ceil((self._owner.now - self._clock.begin) * self._rate)
             self._begin = self._clock.begin + edges / self._rate
@@ -235,12 +235,12 @@ class _Output:
         return self._begin
 
     def _count(self, time: Array) -> NDArray[np.intp]:
-        """Samples that were put out before some times."""
+        """Return the number of samples that were output before given times."""
         passed = (np.minimum(time, self._stopped) - self.begin()) * self._rate
         passed = np.where(np.isfinite(passed), passed, 0.0)
         return np.clip(np.ceil(passed - 1e-6), 0, self.volts.shape[1]).astype(np.intp)
 
-    def given(self, channel: str, time: Array, standing: float) -> Array:
+    def voltages(self, channel: str, time: Array, standing: float) -> Array:
         values = np.append(standing, self.volts[self.channels.index(channel)])
         return values[self._count(time)]
 

@@ -24,7 +24,7 @@ _MICRO = 1e-6
 
 
 def tunable(profile: ControllerProfile) -> bool:
-    """Say whether a controller names its gains with their units: others are never set."""
+    """Return whether the gains of a controller have units in their names; others are never set."""
     return (
         profile.knows("SPA", "SPA?")
         and profile.parameter(_PROPORTIONAL) is not None
@@ -35,8 +35,8 @@ def tunable(profile: ControllerProfile) -> bool:
 class ServoTuning:
     """Settings of the position control of one axis.
 
-    A notch is sent as frequency, gain at it, and bandwidth, that is twice the damping ratio of its
-    poles. Validity: only for controllers whose parameters say so in their names.
+    A notch is sent as frequency, gain at it, and bandwidth, which is twice the damping ratio of its
+    poles. Validity: only for controllers whose parameters have these names.
     """
 
     def __init__(self, connection: Connection, axis: str) -> None:
@@ -66,15 +66,15 @@ class ServoTuning:
         )
 
     def write(self, settings: ServoSettings) -> None:
-        """Write settings: in one line if not too long, else with the gains at 0 meanwhile."""
+        """Write settings in one line, or if it is too long, with the gains at 0 in between."""
         gains = [
             (self._known(_PROPORTIONAL), settings.proportional * _MICRO),
             (self._known(_INTEGRAL), settings.integral * _MICRO),
         ]
         filters = [*self._notches(settings), *self._lowpass(settings)]
-        whole = self._line([*filters, *gains])
-        if len(whole) <= self._connection.transfer.line_limit:
-            self._connection.tell(whole)
+        one_line = self._line([*filters, *gains])
+        if len(one_line) <= self._connection.transfer.line_limit:
+            self._connection.tell(one_line)
             return
         # between two lines the loop must not run with new gains and old filters
         self._connection.tell(self._line([(key, 0.0) for key, _ in gains]))
@@ -87,7 +87,7 @@ class ServoTuning:
         if len(settings.notches) > len(slots):
             raise ModelError(
                 f"the settings have {len(settings.notches)} notches, and the controller has "
-                f"{len(slots)}: leave the weakest out"
+                f"{len(slots)}: omit the weakest"
             )
         for slot, notch in zip(slots, settings.notches, strict=False):
             numbers = notch.zero_damping / notch.pole_damping, 2.0 * notch.pole_damping
@@ -100,10 +100,10 @@ class ServoTuning:
         if key is not None:
             yield key, settings.lowpass_hz or 0.0
         elif settings.lowpass_hz is not None:
-            raise ModelError("the controller has no low-pass in its control: leave it out")
+            raise ModelError("the control of this controller has no low-pass: omit it")
 
     def _slots(self) -> Iterator[list[int]]:
-        """Give the parameters of each notch: of its frequency, rejection and bandwidth."""
+        """Yield the parameters of each notch: frequency, rejection and bandwidth."""
         profile = self._connection.profile
         count = sum(
             bool(re.search(r"notch frequency \d+", name, re.IGNORECASE))
@@ -120,7 +120,7 @@ class ServoTuning:
         if key is None:
             raise ModelError(
                 "the controller does not report the unit of its control gains, so they cannot be "
-                "set from here"
+                "set"
             )
         return key
 
@@ -147,43 +147,43 @@ class ServoTuning:
             yield self._line(part)
 
 
-#: Time in which an amplifier makes the largest step that is commanded at once [s].
+#: Time of the amplifier for the largest step of a command [s].
 _STEP_TIME = 1e-4
-#: First step of an axis that has not been seen to count in volts, and its tolerance [V].
+#: First step of an axis whose unit of voltage is not verified yet, and its tolerance [V].
 _FIRST_STEP, _VOLT_TOLERANCE = 1.0, 0.5
-#: Part of a motion by which the voltage may miss it, and how long it may take to get there [s].
+#: Relative tolerance of the voltage after a step, and the time to reach it [s].
 _VOLT_SHARE, _VOLT_TIME = 0.02, 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisFacts:
-    """What is known of an axis from the beginning."""
+    """Properties of an axis that are known after the discovery."""
 
     name: str
     """Its name at the stage."""
     identifier: str
-    """Its name at the controller."""
+    """Its identifier at the controller."""
     index: int
-    """Its place among all axes of the controller, from 0."""
+    """Its index among all axes of the controller, from 0."""
     output: str | None
     """Number of its piezo channel; None where it has none."""
     unit: WireUnit
     """Unit of its positions."""
     limits: AxisLimits
-    """What may be commanded."""
+    """Limits of commands."""
     capabilities: frozenset[Capability]
-    """What it can do."""
+    """Its capabilities."""
 
 
 class PiAxis(MotionAxis):
-    """An axis of a controller; positions and voltages are checked before any command leaves.
+    """An axis of a controller; positions and voltages are checked before any command is sent.
 
-    Its voltage is set in steps that the amplifier makes within 0.1 ms each. A link that is lost
-    while it waits is answered by a stop, over a second link if there can be one.
+    Its voltage is set in steps that the amplifier completes within 0.1 ms each. If the link is lost
+    during a wait, a stop is sent, over a second link if possible.
 
-    Validity: voltages are commanded by ``SVA``, which counts in volts at the drive only where the
-    controller is set so. The first motion of each axis begins with a step of 1 V at most, whose
-    effect is read back, and is given up where it is another one.
+    Validity: voltages are commanded by ``SVA``, whose unit is volts at the drive only if the
+    controller is configured so. The first motion of each axis starts with a step of at most 1 V,
+    which is read back; if the voltage differs, the motion ends with an error.
     """
 
     def __init__(self, connection: Connection, facts: AxisFacts) -> None:
@@ -210,13 +210,13 @@ class PiAxis(MotionAxis):
         axis = self.facts.identifier
         if self._connection.servo.get(axis) == on and self.closed_loop == on:
             return
-        self._connection.drives_back()
+        self._connection.restore_drives()
         self._connection.servo.pop(axis, None)
         self._connection.tell(f"SVO {axis} {int(on)}")
         if self.closed_loop != on:
             raise ControllerError(
-                f"the position control of axis '{self.name}' was switched {_on(on)} and is "
-                f"{_on(not on)}: look at the controller's own messages"
+                f"the position control of axis '{self.name}' was switched {_on(on)} but is still "
+                f"{_on(not on)}: read the messages of the controller"
             )
         self._connection.servo[axis] = on
         self._target = None
@@ -225,8 +225,8 @@ class PiAxis(MotionAxis):
         value = self._client.ask_values("POS?", [self.facts.identifier])[0]
         if not math.isfinite(value):
             raise ControllerError(
-                f"the sensor of axis '{self.name}' gives {value} instead of a position: look at "
-                "the sensor and its cable before the stage is moved"
+                f"the sensor of axis '{self.name}' reads {value} instead of a position: check the "
+                "sensor and its cable before you move the stage"
             )
         return value * self.facts.unit.factor
 
@@ -234,14 +234,14 @@ class PiAxis(MotionAxis):
         value = self._client.ask_values("VOL?", [self._output()])[0]
         if not math.isfinite(value):
             raise ControllerError(
-                f"the voltage of axis '{self.name}' is read as {value}: look at the amplifier"
+                f"the voltage of axis '{self.name}' reads {value}: check the amplifier"
             )
         return value
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
         check_position(self.limits, position, self.name)
         self._require(Capability.CLOSED_LOOP)
-        self._connection.drives_back()
+        self._connection.restore_drives()
         text = self.facts.unit.text(position, self.limits.position)
         self._stops, self._target = self._client.stops, None
         self._connection.tell(f"MOV {self.facts.identifier} {text}")
@@ -257,7 +257,7 @@ class PiAxis(MotionAxis):
                 f"axis '{self.name}' is under position control, which sets its voltage: switch it "
                 "off first"
             )
-        self._connection.drives_back()
+        self._connection.restore_drives()
         self._target, self._stops = None, self._client.stops
         here = begin = self.voltage()
         while here != voltage:
@@ -278,8 +278,8 @@ class PiAxis(MotionAxis):
         self.wait(timeout=120.0)
         if not self._client.ask_values("FRF?", [axis])[0]:
             raise ControllerError(
-                f"axis '{self.name}' has no reference after its move to the switch: look whether "
-                "it is free to move, and at the controller's own messages"
+                f"axis '{self.name}' is not referenced after its move to the switch: check that it "
+                "is free to move, and read the messages of the controller"
             )
 
     def moving(self) -> bool:
@@ -295,11 +295,12 @@ class PiAxis(MotionAxis):
                 self._refuse_stopped()
                 if patience.over():
                     self._client.stop()
-                    off = ", its control switched off" if closed and self._let_go() else ""
+                    off = closed and self._switch_off()
                     raise ControllerError(
                         f"axis '{self.name}' was not {'on target' if closed else 'at rest'} after "
-                        f"{timeout:g} s and was stopped{off}: look whether it is free to move, and "
-                        "at the settings of its control"
+                        f"{timeout:g} s and was stopped"
+                        f"{', with its position control switched off' if off else ''}: check that "
+                        "it is free to move, and the settings of its control"
                     )
                 self._connection.between_questions()
         except (KeyboardInterrupt, NotConnectedError):
@@ -309,11 +310,11 @@ class PiAxis(MotionAxis):
         if closed:
             self._check_target()
 
-    def _let_go(self) -> bool:
-        """Switch control off, which may be what swings; say whether that was possible."""
+    def _switch_off(self) -> bool:
+        """Switch control off, which may oscillate; return whether this was possible."""
         if Capability.OPEN_LOOP not in self.capabilities:
             return False
-        # the stop itself stands as an error, which the first command is told
+        # the stop itself is a pending error, which the first command receives
         for _ in range(2):
             with contextlib.suppress(FlexstageError):
                 self.set_closed_loop(False)
@@ -334,7 +335,7 @@ class PiAxis(MotionAxis):
         return not self.moving()
 
     def started(self) -> None:
-        """Take note that a waveform moves it: stops from now on end its motion."""
+        """Note that a waveform moves the axis: stops from now on end its motion."""
         self._stops, self._target = self._client.stops, None
 
     def _refuse_stopped(self) -> None:
@@ -345,7 +346,7 @@ class PiAxis(MotionAxis):
             )
 
     def _check_target(self) -> None:
-        """See that the axis came to where it was sent, and not to where somebody else sent it."""
+        """Verify that the target is still the commanded one, and not that of another program."""
         target, self._target = self._target, None
         if target is None or not self._connection.profile.knows("MOV?"):
             return
@@ -353,8 +354,8 @@ class PiAxis(MotionAxis):
         if not abs(present - target) <= 1e-6 * max(1.0, abs(target)):
             self._connection.check_state()
             raise ControllerError(
-                f"axis '{self.name}' was sent to {target:g} and its target is {present:g} now (in "
-                "units of the controller): it was stopped, or somebody else commands it"
+                f"axis '{self.name}' was sent to {target:g}, but its target is now {present:g} (in "
+                "units of the controller): it was stopped, or another program commands it"
             )
 
     def _next(self, here: float, voltage: float, *, first: bool) -> float:
@@ -369,22 +370,22 @@ class PiAxis(MotionAxis):
     def _see_volts(self, begin: float, here: float, *, ended: bool) -> None:
         """Compare the voltage at the drive with what was commanded."""
         if abs(here - begin) < 0.9 * _FIRST_STEP:
-            return  # too small a step to tell
+            return  # the step is too small for the check
         allowed = _VOLT_TOLERANCE + _VOLT_SHARE * abs(here - begin)
         patience = self._connection.patience(_VOLT_TIME)
-        while not abs((there := self.voltage()) - here) <= allowed:
+        while not abs((measured := self.voltage()) - here) <= allowed:
             if patience.over():
                 raise ControllerError(
-                    f"axis '{self.name}' was sent to {here:.4g} V, and there are {there:.4g} V at "
-                    "its drive: the controller counts its open-loop commands in another unit than "
-                    "volts, or the amplifier is off; nothing more was sent"
+                    f"axis '{self.name}' was sent to {here:.4g} V, but its drive is at "
+                    f"{measured:.4g} V: the unit of open-loop commands of the controller is not "
+                    "volts, or the amplifier is off; no further command was sent"
                 )
             self._connection.between_questions()
         self._volts_seen = ended
 
     def _output(self) -> str:
         if self.facts.output is None:
-            raise ModelError(f"axis '{self.name}' has no voltage: it is no piezo axis")
+            raise ModelError(f"axis '{self.name}' has no voltage: it is not a piezo axis")
         return self.facts.output
 
     def _require(self, capability: Capability) -> None:

@@ -1,4 +1,4 @@
-"""What a GCS controller says of itself, and the connection to it."""
+"""Profile of a GCS controller, and the connection to it."""
 
 import math
 import re
@@ -14,37 +14,37 @@ from flexstage.instruments.protocol import Identity
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransferLimits:
-    """How much is sent and asked for at once."""
+    """Limits of the amount of data that is sent or requested at once."""
 
     line_limit: int = 256
-    """Most characters of a command line."""
+    """Largest number of characters of a command line."""
     rows: int = 1000
-    """Most rows of a table that are read at once."""
+    """Largest number of rows of a table that are read at once."""
     poll: float = 0.01
-    """Time between two questions while waiting [s]; none passes where simulated time runs fast."""
+    """Polling interval [s]; not used where simulated time runs fast."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControllerProfile:
-    """What a controller says of itself."""
+    """Identity, commands and options that a controller reports."""
 
     identity: Identity
-    """What it is."""
+    """Its identity."""
     commands: frozenset[str]
-    """The commands that it knows; ``#5`` for single characters."""
+    """The supported commands; ``#5`` for single characters."""
     parameters: Mapping[int, str] = field(default_factory=dict)
-    """What its parameters are called, by number."""
+    """Names of its parameters, by number."""
     record_options: Mapping[int, str] = field(default_factory=dict)
-    """What its recorder records, by number."""
+    """Record options of its recorder, by number."""
     trigger_options: Mapping[int, str] = field(default_factory=dict)
-    """What starts its recorder, by number."""
+    """Trigger options of its recorder, by number."""
 
     def knows(self, *commands: str) -> bool:
-        """Say whether the controller knows all of these commands."""
+        """Return whether the controller supports all of these commands."""
         return self.commands.issuperset(commands)
 
     def parameter(self, pattern: str) -> int | None:
-        """Return the lowest number of a parameter whose name the expression fits, in any case.
+        """Return the lowest number of a parameter whose name matches, ignoring case.
 
         Examples
         --------
@@ -57,25 +57,25 @@ class ControllerProfile:
         return _find(self.parameters, pattern)
 
     def record_option(self, *patterns: str) -> int | None:
-        """Return the number of what the recorder records, by the first expression that fits any."""
+        """Return the number of a record option, by the first pattern that matches one."""
         return _find_first(self.record_options, patterns)
 
     def trigger_option(self, *patterns: str) -> int | None:
-        """Return the number of what starts the recorder, by the first expression that fits any."""
+        """Return the number of a trigger option, by the first pattern that matches one."""
         return _find_first(self.trigger_options, patterns)
 
 
 def read_profile(client: GcsClient) -> ControllerProfile:
-    """Ask a controller what it can do; nothing is changed by it.
+    """Read the profile of a controller; this changes nothing.
 
-    By ``HLP?`` always, ``HPA?`` and ``HDR?`` where it knows them.
+    It uses ``HLP?``, and ``HPA?`` and ``HDR?`` where they are supported.
     """
     commands = _commands(client.ask("HLP?"))
-    # the list is in order of the alphabet, and every controller has commands that begin with T or V
+    # the list is in alphabetic order, and every controller has commands that start with T or V
     if max(commands, default="") < "T":
         raise ControllerError(
-            f"'HLP?' was answered with {len(commands)} commands, none of which begins with T or a "
-            "later letter: the answer came in part; connect again, or check the link"
+            f"the answer to 'HLP?' has {len(commands)} commands, none of which starts with T or a "
+            "later letter: the answer is incomplete; connect again, or check the link"
         )
     parameters = _parameters(client.ask("HPA?")) if "HPA?" in commands else {}
     options: tuple[dict[int, str], dict[int, str]] = ({}, {})
@@ -91,7 +91,7 @@ def read_profile(client: GcsClient) -> ControllerProfile:
 
 
 def parse_identity(text: str) -> Identity:
-    """Read the answer to ``*IDN?``: vendor, model, serial number, firmware, between commas.
+    """Return the identity of an answer to ``*IDN?``: vendor, model, serial number, firmware.
 
     Examples
     --------
@@ -116,17 +116,17 @@ def _commands(lines: Sequence[str]) -> frozenset[str]:
 
 
 def _parameters(lines: Sequence[str]) -> dict[int, str]:
-    """Return names by number; a line is number=level, items, type, group, name, ... by tabs.
+    """Return names by number; a line is number=level, items, type, group, name, ... with tabs.
 
-    Many controllers put a tab behind the sign, too.
+    Many controllers also have a tab after the equals sign.
     """
-    found: dict[int, str] = {}
+    names: dict[int, str] = {}
     for line in lines:
         key, equals, rest = line.partition("=")
         columns = rest.removeprefix("\t").split("\t")
         if equals and re.fullmatch(r"\s*0[xX][0-9a-fA-F]+\s*", key) and len(columns) >= 5:
-            found[int(key, 16)] = columns[4].strip()
-    return found
+            names[int(key, 16)] = columns[4].strip()
+    return names
 
 
 def _recorder_options(lines: Sequence[str]) -> tuple[dict[int, str], dict[int, str]]:
@@ -137,9 +137,9 @@ def _recorder_options(lines: Sequence[str]) -> tuple[dict[int, str], dict[int, s
         if text.startswith("#"):
             current = sections.get(text.replace(" ", "").lower())
             continue
-        found = re.fullmatch(r"(\d{1,6})\s*=\s*(.*)", text)
-        if found and current is not None:
-            current[int(found[1])] = found[2]
+        match = re.fullmatch(r"(\d{1,6})\s*=\s*(.*)", text)
+        if match and current is not None:
+            current[int(match[1])] = match[2]
     return sections["#recordoptions"], sections["#triggeroptions"]
 
 
@@ -157,21 +157,21 @@ def _find_first(names: Mapping[int, str], patterns: Sequence[str]) -> int | None
 
 
 def describe(names: Mapping[int, str]) -> str:
-    """Return a list of options for a sentence."""
+    """Return a list of options for a message."""
     return ", ".join(excerpt(name) for name in names.values()) or "nothing"
 
 
-#: Simulated time that passes with a question that is repeated, at most [s].
+#: Largest simulated time that passes with a repeated question [s].
 FAST_TIME_STEP = 0.25
 
-# Simulated time that is let pass at once [s].
+# Simulated time that passes at once [s].
 _PIECE = 1.0
-# Refusals that a controller gives when what was set here is not there any more: control is off; no
-# table was chosen, or it is empty.
+# Refusals of a controller that has lost settings of this program: control is off; no table is
+# selected, or it is empty.
 _CONTROL_OFF, _TABLE_GONE = frozenset({5}), frozenset({75, 401})
 _RESTARTED = (
-    "it was restarted, or somebody else commands it; settings and tables are gone and the stage "
-    "may have moved, so connect again and begin anew"
+    "it was restarted, or another program commands it; settings and tables are lost and the stage "
+    "may have moved: connect again and restart"
 )
 _NAMES = {
     "fast": r"simulated time runs fast",
@@ -181,7 +181,7 @@ _NAMES = {
 
 
 class Connection:
-    """Link, clock and memory of a controller."""
+    """Connection to a controller, with its clock and the settings of this program."""
 
     def __init__(
         self,
@@ -194,9 +194,9 @@ class Connection:
     ) -> None:
         self.client, self.profile, self.transfer = client, profile, transfer
         self._clock, self._sleep = clock, sleep
-        #: Whether position control is on, as far as is known, by identifier of the axis.
+        #: Known states of position control, by identifier of the axis.
         self.servo: dict[str, bool] = {}
-        #: Divider of the recorder that was set here.
+        #: Divider of the recorder that this program has set.
         self.divider: int | None = None
         self._numbers = {key: profile.parameter(pattern) for key, pattern in _NAMES.items()}
         self._drives_out = False
@@ -204,7 +204,7 @@ class Connection:
         self.fast = fast is not None and number(self.read_parameter("1", fast), "SPA?") == 1.0
 
     def tell(self, command: str) -> None:
-        """Give a command; where its refusal shows that the controller was restarted, say so."""
+        """Send a command; if its refusal indicates a restart of the controller, report this."""
         try:
             self.client.tell(command)
         except ControllerError as error:
@@ -212,7 +212,7 @@ class Connection:
                 self.check_state(error)
             if error.code in _TABLE_GONE:
                 raise ControllerError(
-                    f"{error}, though it was written from here: {_RESTARTED}", error.code
+                    f"{error}, although this program had written it: {_RESTARTED}", error.code
                 ) from error
             raise
 
@@ -228,13 +228,13 @@ class Connection:
             right = False
         if not (equals and right):
             raise ControllerError(
-                f"the answer to '{question}' is {excerpt(' | '.join(lines))}, which is about "
-                "something else: is another program using this link?"
+                f"the answer to '{question}' is {excerpt(' | '.join(lines))}, which belongs to "
+                "another question: check whether another program uses this link"
             )
         return value.strip()
 
     def number_parameter(self, item: str, pattern: str) -> float | None:
-        """Return a number among the parameters, by a regular expression for its name.
+        """Return the value of a numeric parameter, by a regular expression for its name.
 
         None where the controller has no such parameter.
         """
@@ -246,39 +246,39 @@ class Connection:
     # state ----------------------------------------------------------------------------------
 
     def check_state(self, cause: ControllerError | None = None) -> None:
-        """Compare what the controller has with what was set here; the cause gave reason to ask."""
+        """Compare settings of the controller with those of this program; `cause` is the reason."""
         lost: list[str] = []
-        wanted = [axis for axis, on in self.servo.items() if on]
-        if wanted and self.profile.knows("SVO?"):
-            states = self.client.ask_values("SVO?", wanted)
+        controlled = [axis for axis, on in self.servo.items() if on]
+        if controlled and self.profile.knows("SVO?"):
+            states = self.client.ask_values("SVO?", controlled)
             lost += [
                 f"position control of its axis {axis} is off"
-                for axis, on in zip(wanted, states, strict=True)
+                for axis, on in zip(controlled, states, strict=True)
                 if not on
             ]
         if self.divider is not None and self.profile.knows("RTR?"):
             rate = self.client.ask_whole("RTR?")
             if rate != self.divider:
-                lost.append(f"its record rate is {rate} and not {self.divider}")
+                lost.append(f"its record rate is {rate} instead of {self.divider}")
         if lost:
             code = None if cause is None else cause.code
             raise ControllerError(
-                f"the controller has lost what was set here ({'; '.join(lost)}): {_RESTARTED}",
+                f"the controller has lost settings ({'; '.join(lost)}): {_RESTARTED}",
                 code,
             ) from cause
 
     @property
     def has_drives(self) -> bool:
-        """Whether drives can be taken out of a simulated stage."""
+        """Whether drives can be removed from a simulated stage."""
         return self._numbers["drives"] is not None
 
-    def drives_back(self) -> None:
-        """Put the drives of a simulated stage back in place after a blow."""
+    def restore_drives(self) -> None:
+        """Install the drives of a simulated stage again after an impact."""
         if self._drives_out:
             self._set_drives(out=False)
 
-    def drives_away(self) -> None:
-        """Take the drives of a simulated stage out, for a blow."""
+    def remove_drives(self) -> None:
+        """Remove the drives of a simulated stage for an impact."""
         if not self._drives_out:
             self._set_drives(out=True)
 
@@ -295,16 +295,16 @@ class Connection:
         return self._clock()
 
     def pause(self, seconds: float) -> None:
-        """Let time pass [s]: that of the controller where it is simulated and fast."""
+        """Let time pass [s]: that of the controller if its simulation runs fast."""
         key = self._numbers["time"]
         if seconds <= 0.0:
             return
         if self.fast and key is not None:
-            # in pieces, each of which is computed well before an answer is given up
+            # in pieces, each of which is computed well within the timeout of an answer
             for _ in range(int(seconds / _PIECE)):
                 self.tell(f"SPA 1 0x{key:08X} {_PIECE:.6f}")
-            if rest := math.fmod(seconds, _PIECE):
-                self.tell(f"SPA 1 0x{key:08X} {rest:.6f}")
+            if remainder := math.fmod(seconds, _PIECE):
+                self.tell(f"SPA 1 0x{key:08X} {remainder:.6f}")
         else:
             self._sleep(seconds)
 
@@ -313,17 +313,17 @@ class Connection:
         return Patience(self, timeout)
 
     def between_questions(self) -> None:
-        """Wait a little before a question is repeated; in fast time the question itself waits."""
+        """Wait for the polling interval; in fast time the question itself lets time pass."""
         if not self.fast:
             self._sleep(self.transfer.poll)
 
     def settings(self) -> Mapping[str, str]:
-        """Return what was set, without asking."""
-        found = {f"position control of axis {a}": "on" if on else "off" for a, on in
+        """Return the known settings, without a question."""
+        texts = {f"position control of axis {a}": "on" if on else "off" for a, on in
                  self.servo.items()}  # fmt: skip
         if self.divider is not None:
-            found["record rate divider"] = str(self.divider)
-        return found
+            texts["record rate divider"] = str(self.divider)
+        return texts
 
 
 class Patience:

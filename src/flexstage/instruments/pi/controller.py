@@ -1,22 +1,22 @@
-"""A PI controller with a stage, as an instrument."""
+"""A PI controller with a stage, as an instrument, and the questions by which it is discovered."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Self
 from urllib.parse import urlsplit
 
 from flexstage.base.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.connect import longest_silence, options_of
-from flexstage.instruments.pi.axis import PiAxis
+from flexstage.instruments.pi.axis import AxisFacts, PiAxis, tunable
 from flexstage.instruments.pi.connection import (
     Connection,
     TransferLimits,
     read_profile,
 )
 from flexstage.instruments.pi.conversation import GcsClient
-from flexstage.instruments.pi.discovery import discover
-from flexstage.instruments.pi.recorder import PiRecorder
-from flexstage.instruments.pi.waves import PiWaves
+from flexstage.instruments.pi.replies import WireUnit, axis_unit
+from flexstage.instruments.pi.tables import ChannelFacts, PiRecorder, PiWaves
 from flexstage.instruments.protocol import Capability, ChannelMap, Instrument
 from flexstage.instruments.transport import (
     DEFAULT_BAUD,
@@ -26,18 +26,221 @@ from flexstage.instruments.transport import (
     TcpLink,
     Transport,
 )
-from flexstage.stage import Stage
+from flexstage.stage import Screw, Stage
+from flexstage.stage.limits import AxisLimits, stage_limits
+
+Range = tuple[float, float]
+
+#: Numbers of tables and samples where a controller does not report them.
+_FEW_TABLES, _FEW_SAMPLES = 1, 1024
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableMemory:
+    """Tables of a recorder or a wave generator."""
+
+    tables: int
+    """Number of tables."""
+    capacity: int
+    """Samples of each table of a recorder, or of all tables of a wave generator together."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Discovery:
+    """Axes, sensors and memory of a controller."""
+
+    axes: tuple[AxisFacts, ...]
+    """Axes of the stage."""
+    channels: tuple[ChannelFacts, ...]
+    """Sensors."""
+    base_rate_hz: float
+    """Rate of the loop [Hz]."""
+    recorder: TableMemory | None
+    """Tables of its recorder; None where there is none."""
+    waves: TableMemory | None
+    """Tables of its wave generator; None where there is none."""
+
+
+def discover(
+    connection: Connection, stage: Stage, axes: Mapping[str, str] | None = None
+) -> Discovery:
+    """Discover axes, sensors and memory by questions; `axes` are identifiers by stage axis."""
+    listed = [line.strip() for line in connection.client.ask("SAI?")]
+    identifiers_of = _identifiers(listed, stage, axes)
+    outputs = _outputs(connection, stage, listed, identifiers_of)
+    facts = tuple(
+        _axis(connection, stage, name, identifier, listed.index(identifier), outputs.get(name))
+        for name, identifier in identifiers_of.items()
+    )
+    if connection.profile.knows("SVO?"):
+        identifiers = [axis.identifier for axis in facts]
+        states = connection.client.ask_values("SVO?", identifiers)
+        connection.servo = {a: bool(on) for a, on in zip(identifiers, states, strict=True)}
+    step = connection.number_parameter("1", r"servo update time")
+    base = 0.0 if step is None or not step > 0.0 else 1.0 / step
+    return Discovery(
+        axes=facts,
+        channels=_channels(connection, facts),
+        base_rate_hz=base,
+        recorder=_recorder(connection) if base else None,
+        waves=_waves(connection, len(listed)) if base else None,
+    )
+
+
+def _identifiers(
+    listed: Sequence[str], stage: Stage, axes: Mapping[str, str] | None
+) -> dict[str, str]:
+    names = [axis.name for axis in stage.axes]
+    if axes is None:
+        if len(listed) < len(names):
+            raise ControllerError(
+                f"the controller has {len(listed)} axes ({', '.join(listed)}) and the stage "
+                f"{len(names)} ({', '.join(names)}): name the connected axes, such as "
+                f"axes={{'{names[0]}': '{listed[0]}'}}"
+            )
+        return dict(zip(names, listed, strict=False))
+    for name, identifier in axes.items():
+        if name not in names:
+            raise ModelError(f"the stage has no axis '{name}': it has {', '.join(names)}")
+        if identifier not in listed:
+            raise ControllerError(
+                f"the controller has no axis '{identifier}': it has {', '.join(listed)}"
+            )
+    if not axes or len(set(axes.values())) < len(axes):
+        raise ModelError(
+            f"each axis of the stage needs a different axis of the controller, got {dict(axes)}"
+        )
+    return dict(axes)
+
+
+def _outputs(
+    connection: Connection, stage: Stage, listed: Sequence[str], identifiers: Mapping[str, str]
+) -> dict[str, str]:
+    """Return the number of the piezo channel of each axis that has one.
+
+    Channels belong to axes in their order; axes with screws have none.
+    """
+    if not connection.profile.knows("VOL?", "SVA"):
+        return {}
+    screws = {identifiers[n] for n in identifiers if isinstance(stage.drive_of(n), Screw)}
+    piezo = [identifier for identifier in listed if identifier not in screws]
+    count = len(piezo)
+    if connection.profile.knows("TPC?"):
+        count = connection.client.ask_whole("TPC?")
+    places = {identifier: str(i) for i, identifier in enumerate(piezo, 1) if i <= count}
+    return {name: places[i] for name, i in identifiers.items() if i in places}
+
+
+def _axis(
+    connection: Connection, stage: Stage, name: str, identifier: str, index: int, output: str | None
+) -> AxisFacts:
+    profile = connection.profile
+    word = connection.client.ask_texts("PUN?", [identifier])[0] if profile.knows("PUN?") else "um"
+    unit = axis_unit(word, identifier, name)
+    position = _range(connection, "TMN?", "TMX?", identifier, unit.factor)
+    voltage = None if output is None else _range(connection, "VMI?", "VMA?", output, 1.0)
+    slew = connection.number_parameter(identifier, r"largest slew-rate.*\[V/s\]") or None
+    speed = connection.number_parameter(identifier, r"largest speed.*m/s\]")
+    of_controller = AxisLimits(
+        position=position,
+        voltage=voltage,
+        slew=slew if output is not None else None,
+        speed=speed * unit.factor if speed else None,
+    )
+    limits = stage_limits(stage, name).within(of_controller)
+    capabilities: set[Capability] = set()
+    if profile.knows("MOV", "POS?"):
+        capabilities.add(Capability.CLOSED_LOOP)
+    if output is not None and limits.voltage is not None:
+        capabilities.add(Capability.OPEN_LOOP)
+        if Capability.CLOSED_LOOP in capabilities and tunable(profile):
+            capabilities.add(Capability.SERVO_TUNING)
+        if profile.parameter(r"feed-?forward wave table") is not None:
+            capabilities.add(Capability.FEEDFORWARD_TABLE)
+    return AxisFacts(
+        name=name,
+        identifier=identifier,
+        index=index,
+        output=output,
+        unit=unit,
+        limits=limits,
+        capabilities=frozenset(capabilities),
+    )
+
+
+def _range(connection: Connection, low: str, high: str, name: str, factor: float) -> Range | None:
+    if not connection.profile.knows(low, high):
+        return None
+    ends = [connection.client.ask_values(question, [name])[0] * factor for question in (low, high)]
+    if not ends[0] < ends[1]:
+        raise ControllerError(
+            f"the controller answers {ends[0]:g} to '{low}' and {ends[1]:g} to '{high}' for "
+            f"{name}, which is not a range: check its settings"
+        )
+    return ends[0], ends[1]
+
+
+def _channels(connection: Connection, axes: Sequence[AxisFacts]) -> tuple[ChannelFacts, ...]:
+    if not connection.profile.knows("TSC?"):
+        return ()
+    count = connection.client.ask_whole("TSC?")
+    names = connection.profile.parameter(r"^channel name")
+    units = connection.profile.parameter(r"^channel unit")
+    channels = []
+    for number in range(1, count + 1):
+        name = str(number) if names is None else connection.read_parameter(str(number), names)
+        word = "" if units is None else connection.read_parameter(str(number), units)
+        turns = word.lower() == "urad"
+        unit = _sensor_unit(word, number, axes)
+        channels.append(
+            ChannelFacts(number=number, name=name, unit="rad" if turns else "m", factor=unit)
+        )
+    return tuple(channels)
+
+
+def _sensor_unit(word: str, number: int, axes: Sequence[AxisFacts]) -> float:
+    """Return the SI value of a sensor's unit, by default that of the first axis."""
+    if word.lower() == "urad":
+        return 1e-6
+    if not word:
+        return axes[0].unit.factor
+    unit: WireUnit = axis_unit(word, f"sensor {number}", axes[0].name)
+    return unit.factor
+
+
+def _recorder(connection: Connection) -> TableMemory | None:
+    if not connection.profile.knows("DRC", "DRR?", "DRL?", "RTR", "DRT"):
+        return None
+    tables = (
+        connection.client.ask_whole("TNR?") if connection.profile.knows("TNR?") else _FEW_TABLES
+    )
+    capacity = connection.number_parameter("1", r"data recorder points per table")
+    if capacity is None:
+        most = connection.number_parameter("1", r"data recorder max points")
+        capacity = _FEW_SAMPLES if most is None else most / tables
+    return TableMemory(tables=tables, capacity=int(capacity))
+
+
+def _waves(connection: Connection, axes: int) -> TableMemory | None:
+    if not connection.profile.knows("WAV", "WSL", "WGO", "WGC", "WTR"):
+        return None
+    tables = connection.number_parameter("1", r"number of waves")
+    capacity = connection.number_parameter("1", r"max wave points")
+    return TableMemory(
+        tables=axes if tables is None else int(tables),
+        capacity=_FEW_SAMPLES * axes if capacity is None else int(capacity),
+    )
 
 
 class PiController(Instrument):
-    """A controller that speaks the General Command Set 2, and the stage at it.
+    """A controller with the General Command Set 2, and its stage.
 
-    What it can do follows from the commands and parameters that the controller lists, never from
-    its name. Made by `PiController.open`. Only a simulated stage can be struck: its drives are
-    taken out for it, and put back before the next motion.
+    Its capabilities follow from the commands and parameters that the controller lists, never from
+    its name. Created by `PiController.open`. Only a simulated stage has a hammer: its drives are
+    removed for the impacts, and installed again before the next motion.
 
-    Validity: written by the published command set and tested against simulated controllers only,
-    never against hardware. Axes are referenced by `MotionAxis.reference` only.
+    Validity: written for the published command set and tested against simulated controllers only,
+    never against hardware. Only `MotionAxis.reference` references axes.
     """
 
     concurrent = True
@@ -53,11 +256,11 @@ class PiController(Instrument):
         factors: Mapping[int, float],
     ) -> None:
         self._connection, self._axes = connection, dict(axes)
-        #: What it says of itself, and the conversation, for what is not offered here.
+        #: Its profile, and the client for further commands.
         self.profile, self.client = connection.profile, connection.client
         self.identity = connection.profile.identity
         self._recorder, self._waves = recorder, waves
-        #: Its sensors by what they read, where the controller says so, else by their numbers.
+        #: Its sensors by name if the controller reports it, otherwise by number.
         self.channels = channels
         self._factors = dict(factors)
 
@@ -73,11 +276,11 @@ class PiController(Instrument):
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ) -> Self:
-        """Ask a controller what it is and what it can do; nothing moves, nothing is switched.
+        """Discover a controller; this neither moves the stage nor switches anything.
 
-        `axes` names the controller's axis by the name of the stage's; they are taken in their order
-        where not given. The transport is closed when this fails. `timeout` is the longest silence
-        before an answer is given up [s].
+        `axes` are the axes of the controller by the names of the stage's axes, by default in their
+        order. The transport is closed if this fails. `timeout` is the longest time without an
+        answer [s].
         """
         client = GcsClient(transport, timeout=timeout, clock=clock)
         try:
@@ -88,26 +291,26 @@ class PiController(Instrument):
                 clock=clock,
                 sleep=sleep,
             )
-            found = discover(connection, stage, axes)
-            made = {facts.name: PiAxis(connection, facts) for facts in found.axes}
-            numbers = {c.number: c for c in found.channels}
+            discovery = discover(connection, stage, axes)
+            mapped = {facts.name: PiAxis(connection, facts) for facts in discovery.axes}
+            numbers = {c.number: c for c in discovery.channels}
             recorder = waves = None
-            if found.recorder is not None:
+            if discovery.recorder is not None:
                 recorder = PiRecorder(
                     connection,
-                    made,
+                    mapped,
                     numbers,
-                    base_rate_hz=found.base_rate_hz,
-                    capacity=found.recorder.capacity,
-                    tables=found.recorder.tables,
+                    base_rate_hz=discovery.base_rate_hz,
+                    capacity=discovery.recorder.capacity,
+                    tables=discovery.recorder.tables,
                 )
-            if found.waves is not None:
+            if discovery.waves is not None:
                 waves = PiWaves(
                     connection,
-                    made,
-                    base_rate_hz=found.base_rate_hz,
-                    capacity=found.waves.capacity,
-                    tables=found.waves.tables,
+                    mapped,
+                    base_rate_hz=discovery.base_rate_hz,
+                    capacity=discovery.waves.capacity,
+                    tables=discovery.waves.tables,
                     on_start=(lambda: None) if recorder is None else recorder.triggered,
                 )
         except BaseException:
@@ -115,28 +318,28 @@ class PiController(Instrument):
             raise
         return cls(
             connection,
-            made,
+            mapped,
             recorder=recorder,
             waves=waves,
             channels=ChannelMap(
-                numbers={c.name: c.number for c in found.channels},
-                units={c.name: c.unit for c in found.channels},
+                numbers={c.name: c.number for c in discovery.channels},
+                units={c.name: c.unit for c in discovery.channels},
             ),
-            factors={c.number: c.factor for c in found.channels},
+            factors={c.number: c.factor for c in discovery.channels},
         )
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        found = set(super().capabilities)
+        capabilities = set(super().capabilities)
         if self._recorder is not None:
-            found.add(Capability.DATA_RECORDER)
+            capabilities.add(Capability.DATA_RECORDER)
         if self._waves is not None:
-            found.add(Capability.WAVE_GENERATOR)
+            capabilities.add(Capability.WAVE_GENERATOR)
         if self._factors and self.profile.knows("TSP?"):
-            found.add(Capability.CHANNELS)
+            capabilities.add(Capability.CHANNELS)
         if self._can_strike():
-            found.add(Capability.IMPACT)
-        return frozenset(found)
+            capabilities.add(Capability.IMPACT)
+        return frozenset(capabilities)
 
     @property
     def axes(self) -> Mapping[str, PiAxis]:
@@ -145,26 +348,24 @@ class PiController(Instrument):
     @property
     def recorder(self) -> PiRecorder:
         if self._recorder is None:
-            raise ModelError("this controller lists no commands of a data recorder")
+            raise ModelError("this controller has no commands of a data recorder")
         return self._recorder
 
     @property
     def waves(self) -> PiWaves:
         if self._waves is None:
-            raise ModelError("this controller lists no commands of a wave generator")
+            raise ModelError("this controller has no commands of a wave generator")
         return self._waves
 
     def channel(self, number: int) -> float:
         if number not in self._factors or not self.profile.knows("TSP?"):
             raise ModelError(
-                f"there is no sensor {number}: they are "
+                f"there is no sensor {number}: the sensors are "
                 f"{', '.join(map(str, self._factors)) or 'none'}"
             )
         value = self.client.ask_values("TSP?", [str(number)])[0]
         if not abs(value) < float("inf"):
-            raise ControllerError(
-                f"sensor {number} gives {value} instead of a reading: look at it and its cable"
-            )
+            raise ControllerError(f"sensor {number} reads {value}: check the sensor and its cable")
         return value * self._factors[number]
 
     def strike(self, axis: str) -> None:
@@ -172,9 +373,9 @@ class PiController(Instrument):
             super().strike(axis)
         if axis not in self._axes:
             raise ModelError(
-                f"there is no axis '{axis}': they are {', '.join(map(repr, self._axes))}"
+                f"there is no axis '{axis}': the axes are {', '.join(map(repr, self._axes))}"
             )
-        self._connection.drives_away()
+        self._connection.remove_drives()
         self._connection.tell(f"IMP {self._axes[axis].facts.identifier}")
         if self._recorder is not None:
             self._recorder.triggered()
@@ -197,9 +398,9 @@ class PiController(Instrument):
     def close(self) -> None:
         try:
             if self.client.connected:
-                self._connection.drives_back()
+                self._connection.restore_drives()
         except (NotConnectedError, ControllerError):
-            pass  # the drives are those of a simulation, and the link is ended anyway
+            pass  # the drives are simulated, and the link is closed anyway
         finally:
             self.client.close()
 
@@ -208,7 +409,7 @@ class PiController(Instrument):
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the link."""
+        """Disconnect."""
         self.close()
 
     def _can_strike(self) -> bool:

@@ -1,4 +1,4 @@
-"""A conversation with a GCS controller: lines, errors and interruptions; commands and questions."""
+"""Communication with a GCS controller: commands, questions, errors and stops."""
 
 import contextlib
 import threading
@@ -17,49 +17,49 @@ from flexstage.instruments.pi.replies import (
 )
 from flexstage.instruments.transport import NoAnswerError, OpensAnother, Transport
 
-#: The single character that stops everything; it needs no line feed.
+#: The single character that stops all axes, without a line feed.
 STOP_ALL = b"\x18"
-#: How long a stop waits for a command that is being sent before it takes another way [s].
+#: Longest wait of a stop for a command that is being sent; then it uses a second link [s].
 _STOP_PATIENCE = 0.1
-#: Most bytes of one reply; more is not an answer.
+#: Largest size of a reply [bytes].
 _LARGEST = 64 * 2**20
 
 
 class Conversation:
-    """Questions and answers of one thread at a time; only `send_stop` may be called by others."""
+    """Questions and answers of one thread at a time; other threads may call `send_stop` only."""
 
     def __init__(self, transport: Transport, timeout: float, clock: Callable[[], float]) -> None:
         self._transport = transport
-        #: Where the link leads; longest silence before an answer is given up [s].
+        #: Name of the remote end; longest time without an answer [s].
         self.name, self.timeout = transport.name, timeout
         self._clock = clock
         self._sending = threading.Lock()
         self._buffer = bytearray()
         self._lines: list[str] = []
-        #: Why the link is given up; None where it is whole, as far as is known.
+        #: Reason why the link was abandoned; None while it is intact.
         self.broken: str | None = None
-        #: Stops that have gone out, and those whose error was taken away.
+        #: Numbers of stops that were sent, and whose error was cleared.
         self._stops_sent = self._stops_settled = 0
-        #: A question whose answer is still on its way.
+        #: A question whose answer is pending.
         self._waiting: str | None = None
-        #: Questions that have one answer only.
+        #: Questions with a constant answer.
         self._known: dict[str, str] = {}
-        #: What the controller answers to ``*IDN?``.
+        #: Answer to ``*IDN?``.
         self.identity = ""
 
     def send_stop(self) -> None:
-        """Stop all motion, over a second link if the first one takes nothing; never raises."""
+        """Stop all motion, over a second link if the first one is blocked; never raises."""
         try:
             self._send_stop()
         finally:
             self._stops_sent += 1
 
     def _send_stop(self) -> None:
-        # whatever a link raises, a stop must not fail because of it
+        # no error of a link may prevent a stop
         if self._sending.acquire(timeout=_STOP_PATIENCE):
             try:
                 with contextlib.suppress(Exception):
-                    self._transport.send(STOP_ALL)  # a link that was given up is closed, and raises
+                    self._transport.send(STOP_ALL)  # an abandoned link is closed, and raises
                     return
             finally:
                 self._sending.release()
@@ -72,65 +72,65 @@ class Conversation:
                     second.close()
 
     def close(self) -> None:
-        """End the link."""
+        """Disconnect."""
         self.broken = self.broken or "it was closed"
         self._transport.close()
 
     def greet(self) -> None:
-        """Ask who is there, and forget errors of earlier conversations."""
+        """Read the identity, and clear errors of earlier sessions."""
         identity = self.ask("*IDN?", self.timeout)
         if len(identity) != 1 or not identity[0].strip().isprintable() or not identity[0].strip():
             raise ControllerError(
-                f"{self.name} answers {excerpt(' | '.join(identity))} to '*IDN?', as no GCS "
-                "controller does: is it the right address, or the right rate of the serial port?"
+                f"{self.name} answers {excerpt(' | '.join(identity))} to '*IDN?', so it is not a "
+                "GCS controller: check the address, or the rate of the serial port"
             )
         self.identity = identity[0]
         self._known = {"*IDN?": self.identity}
         syntax = self.ask("CSV?", self.timeout)
         if not 2.0 <= number(syntax[0], "CSV?") < 3.0:
             raise ControllerError(
-                f"{self.name} speaks version {excerpt(syntax[0])} of the command set, and version "
-                "2 is needed"
+                f"{self.name} has version {excerpt(syntax[0])} of the command set, but version 2 "
+                "is required"
             )
         self._known["CSV?"] = syntax[0]
         self.query_error("ERR?")
 
     def settle(self) -> None:
-        """Take away the error that a stop leaves behind, so that no later command is blamed."""
+        """Clear the error of a stop, so that it is not attributed to a later command."""
         self._require_link()
         if self._waiting is not None or self._lines or self._buffer:
-            # an exchange was broken off, as by a key: its answer may come yet
+            # an exchange was interrupted, as by Ctrl-C: its answer may still arrive
             self.put_in_step(self._waiting or "")
         if self._stops_settled != self._stops_sent:
             self._stops_settled = self._stops_sent
             self.query_error("ERR?")
 
     def ask(self, command: str, timeout: float) -> list[str]:
-        """Ask a question; the time-out is that of silence [s]."""
+        """Ask a question; the timeout is the longest silence [s]."""
         data = command.encode("ascii")
         self._send(data if len(command) == 1 else data + b"\n", command)
         try:
             return self._reply(timeout)
         except NoAnswerError:
             self.put_in_step(command)
-        # a controller says nothing to a question that it refuses
+        # a controller does not answer a question that it refuses
         code = self.query_error(command)
         if code:
             raise ControllerError(
-                f"the controller refused '{shown(command)}': {error_sentence(code)}", code
+                f"the controller refused '{printable(command)}': {error_sentence(code)}", code
             )
         raise NoAnswerError(
-            f"{self.name} did not answer '{shown(command)}' within {timeout:g} s, and answers "
-            "again now"
+            f"{self.name} did not answer '{printable(command)}' within {timeout:g} s; other "
+            "questions are answered"
         )
 
     def tell(self, command: str) -> int:
-        """Give a command; return the number of the error that it led to, 0 for none."""
+        """Send a command; return the number of its error, 0 for none."""
         self._send(command.encode("ascii") + b"\nERR?\n", "ERR?")
         return self._error_code(command)
 
     def query_error(self, command: str) -> int:
-        """Ask for the latest error, 0 for none; sentences say that it is about the command."""
+        """Read the latest error, 0 for none; messages attribute it to the command."""
         self._send(b"ERR?\n", "ERR?")
         return self._error_code(command)
 
@@ -140,8 +140,8 @@ class Conversation:
         except NoAnswerError:
             self.put_in_step("ERR?")
             raise NoAnswerError(
-                f"{self.name} did not confirm '{shown(command)}' within {self.timeout:g} s: check "
-                "the position of the stage"
+                f"{self.name} did not confirm '{printable(command)}' within {self.timeout:g} s: "
+                "check the position of the stage"
             ) from None
         try:
             return whole_number(lines[0] if len(lines) == 1 else " | ".join(lines), "ERR?")
@@ -150,7 +150,7 @@ class Conversation:
             raise
 
     def _reply(self, timeout: float) -> list[str]:
-        """Return the lines of one reply; the time is that of silence, not of the whole."""
+        """Return the lines of one reply; the timeout is the longest silence within it."""
         reply: list[str] = []
         size = 0
         while True:
@@ -158,14 +158,14 @@ class Conversation:
                 line = self._lines.pop(0)
                 size += 1 + len(line)
                 if size > _LARGEST:
-                    raise self._break(f"{self.name} sends without end")
+                    raise self._break(f"{self.name} sends an endless answer")
                 if not line.endswith(" "):
                     self._waiting = None
                     return [*reply, line]
                 reply.append(line[:-1])
             self._receive(timeout)
             if size + len(self._buffer) > _LARGEST:
-                raise self._break(f"{self.name} sends without end")
+                raise self._break(f"{self.name} sends an endless answer")
 
     def _receive(self, timeout: float) -> None:
         try:
@@ -174,7 +174,7 @@ class Conversation:
             self._break(str(error))
             raise
         if not data:
-            raise NoAnswerError(f"nothing came from {self.name}")
+            raise NoAnswerError(f"no data from {self.name}")
         self._buffer += data
         self._lines += take_lines(self._buffer)
 
@@ -189,17 +189,17 @@ class Conversation:
             raise
 
     def put_in_step(self, command: str) -> None:
-        """Drop all up to the answer to a question that has only one, or give the link up."""
+        """Synchronise by a question with a constant answer, or abandon the link."""
         known = {q: a for q, a in self._known.items() if q != command}
         if not known:
-            raise self._break(f"{self.name} does not answer '{shown(command)}'")
+            raise self._break(f"{self.name} does not answer '{printable(command)}'")
         question, answer = next(iter(known.items()))
         self._send(question.encode("ascii") + b"\n", question)
         end = self._clock() + self.timeout
         try:
             while True:
                 while self._lines:
-                    # the rest of a line that was lost may stand before it
+                    # the rest of an interrupted line may precede it
                     if self._lines.pop(0).endswith(answer):
                         self._waiting = None
                         return
@@ -209,7 +209,7 @@ class Conversation:
                 self._receive(left)
         except NoAnswerError:
             raise self._break(
-                f"{self.name} answers neither '{shown(command)}' nor '{question}'"
+                f"{self.name} answers neither '{printable(command)}' nor '{question}'"
             ) from None
 
     def _forget(self) -> None:
@@ -221,21 +221,21 @@ class Conversation:
         self.broken = why
         self._forget()
         self._transport.close()
-        return NotConnectedError(f"the link is given up, since {why}: connect again")
+        return NotConnectedError(f"the connection was closed, since {why}: connect again")
 
     def _require_link(self) -> None:
         if self.broken is not None:
             raise NotConnectedError(
-                f"there is no link to {self.name} any more, since {self.broken}: connect again"
+                f"the connection to {self.name} is closed, since {self.broken}: connect again"
             )
 
 
-def shown(command: str) -> str:
-    r"""Return a command as a sentence can show it: cut, or as the number of a character.
+def printable(command: str) -> str:
+    r"""Return a command for a message: truncated, or as the number of a character.
 
     Examples
     --------
-    >>> shown("\x18")
+    >>> printable("\x18")
     '#24'
     """
     if len(command) == 1 and not command.isprintable():
@@ -244,14 +244,14 @@ def shown(command: str) -> str:
 
 
 class GcsClient:
-    """Questions and commands to a controller that speaks the General Command Set, version 2.
+    """Client of a controller with the General Command Set, version 2.
 
-    An answer that comes too late is never taken for that to a later question: after a time-out the
-    link is brought into step again by a question whose answer is known, and if that fails it is
-    given up. Any thread may ask; one exchange goes on at a time.
+    A late answer is never taken for that to a later question: after a timeout the link is
+    synchronised by a question with a known answer, and closed if that fails. Any thread may ask;
+    there is one exchange at a time.
 
-    `timeout` is the longest silence before an answer is given up [s]. Connecting sends ``*IDN?``,
-    ``CSV?`` and ``ERR?`` and nothing else.
+    `timeout` is the longest time without an answer [s]. Connecting sends only ``*IDN?``, ``CSV?``
+    and ``ERR?``.
     """
 
     def __init__(
@@ -263,26 +263,26 @@ class GcsClient:
     ) -> None:
         self._lock = threading.RLock()
         self._conversation = Conversation(transport, timeout, clock)
-        #: How often `stop` was called.
+        #: Number of calls of `stop`.
         self.stops = 0
         try:
             self._conversation.greet()
         except BaseException:
             transport.close()
             raise
-        #: Where the link leads, and what the controller answers to ``*IDN?``.
+        #: Name of the remote end, and its answer to ``*IDN?``.
         self.name, self.identity = transport.name, self._conversation.identity
 
     @property
     def connected(self) -> bool:
-        """Whether the link is whole, as far as is known."""
+        """Whether the link is intact, as far as is known."""
         return self._conversation.broken is None
 
     def ask(self, command: str, *, timeout: float | None = None) -> list[str]:
-        """Ask a question; return the lines of its answer, one at least.
+        """Ask a question; return the lines of its answer, at least one.
 
-        The line feed of the question, and the spaces that end lines of the answer, are left out.
-        After a `NoAnswerError` the link is in step again.
+        The question has no line feed, and the lines of the answer no trailing spaces. After a
+        `NoAnswerError` the link is synchronised again.
         """
         with self._lock:
             self._conversation.settle()
@@ -291,7 +291,7 @@ class GcsClient:
             )
 
     def ask_values(self, command: str, names: Sequence[str]) -> list[float]:
-        """Ask for one number for each name, in their order; ``nan`` where a sensor gives that.
+        """Ask for one number for each name, in their order; NaN where a sensor has none.
 
         Names are axes, channels, tables, or pairs of item and parameter.
         """
@@ -309,50 +309,50 @@ class GcsClient:
                 raise
 
     def ask_whole(self, command: str, *, base: int = 10) -> int:
-        """Ask for one whole number; `base` is 16 for hexadecimal digits that do not say so."""
+        """Ask for one integer; `base` is 16 for hexadecimal digits without a prefix."""
         with self._lock:
             lines = self.ask(command)
             try:
                 text = " ".join(lines).rpartition("=")[2].strip()
                 if base == 16 and not text.lower().startswith("0x"):
                     text = f"0x{text}"
-                return whole_number(text, shown(command))
+                return whole_number(text, printable(command))
             except ControllerError:
                 self._conversation.put_in_step(command)
                 raise
 
     def tell(self, command: str) -> None:
-        """Give a command, and ask whether it was carried out.
+        """Send a command, and check its error.
 
-        After a `NoAnswerError` or `NotConnectedError` it may have been. Where the link was lost
-        with it, a stop is sent by another link if there can be one.
+        After a `NoAnswerError` or `NotConnectedError` the command may have been carried out. If the
+        link was lost, a stop is sent over a second link where possible.
         """
         with self._lock:
             self._conversation.settle()
             try:
                 code = self._conversation.tell(command)
             except NotConnectedError:
-                # it may have been carried out, and nobody could see what comes of it
+                # the command may have been carried out, and its effect cannot be observed
                 self.stop()
                 raise
             if code == STOPPED:
-                # somebody stopped the stage, and this command may have come after it
+                # the stage was stopped, and this command may have arrived after the stop
                 self.stop()
                 raise ControllerError(
-                    f"'{shown(command)}' met a stop: {error_sentence(code)}, perhaps by somebody "
-                    "else, and to be sure everything was stopped once more",
+                    f"'{printable(command)}' was interrupted by a stop: {error_sentence(code)}, "
+                    "possibly from another program; all axes were stopped again for safety",
                     code,
                 )
             if code:
                 raise ControllerError(
-                    f"the controller refused '{shown(command)}': {error_sentence(code)}", code
+                    f"the controller refused '{printable(command)}': {error_sentence(code)}", code
                 )
 
     def stop(self) -> None:
-        """Stop all motion at once, from any thread; never raises.
+        """Stop all motion immediately, from any thread; never raises.
 
-        The character goes out on the link even while another thread waits for an answer. Where the
-        link takes nothing, or is gone, a second connection is tried if there can be one.
+        The character is sent even while another thread waits for an answer. If the link is blocked
+        or lost, a second connection is tried where possible.
         """
         self.stops += 1
         self._conversation.send_stop()

@@ -1,8 +1,7 @@
-r"""Reading what a GCS controller answers: where a reply ends, what its lines and arrays say.
+r"""Parser of the replies of GCS controllers, with error numbers and units of axes.
 
 Each line of a reply but the last ends with a space and a line feed, the last with a line feed
-alone. An array is a heading of keys, then rows of numbers. What error numbers mean, and in which
-units axes count, is at the end.
+only. An array is a heading of keys, then rows of numbers.
 """
 
 import math
@@ -17,20 +16,20 @@ from numpy.typing import NDArray
 from flexstage.base.errors import ControllerError
 
 _KEY = re.compile(r"#\s*([A-Z_]+[0-9]*)\s*=\s*(.*)")
-# "nan" in the ways in which firmware prints it
+# "nan" as different firmware prints it
 _NO_NUMBER = re.compile(r"[+-]?(?:nan(?:\([^)]*\))?|\d*\.?#(?:QNAN|IND|SNAN)\w*)", re.IGNORECASE)
 _INFINITE = re.compile(r"([+-]?)(?:inf(?:inity)?|\d*\.?#INF\w*)", re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
-_SHOWN = 60
+_EXCERPT = 60
 
 
 def take_lines(buffer: bytearray) -> list[str]:
-    r"""Take the whole lines away from the beginning of what has come, without their line feeds.
+    r"""Remove complete lines from the start of a buffer; return them without line feeds.
 
     Examples
     --------
-    >>> came = bytearray(b"1=0.5 \n2=0.25\n3=")
-    >>> take_lines(came), bytes(came)
+    >>> buffer = bytearray(b"1=0.5 \n2=0.25\n3=")
+    >>> take_lines(buffer), bytes(buffer)
     (['1=0.5 ', '2=0.25'], b'3=')
     """
     end = buffer.rfind(b"\n") + 1
@@ -40,9 +39,9 @@ def take_lines(buffer: bytearray) -> list[str]:
 
 
 def number(text: str, what: str) -> float:
-    """Read a number; what stands for none, such as ``nan``, is returned as such.
+    """Return a number; texts such as ``nan`` are NaN.
 
-    Here and below, `what` is the question, for sentences.
+    Here and below, `what` is the question, for messages.
 
     Examples
     --------
@@ -50,7 +49,7 @@ def number(text: str, what: str) -> float:
     (12.5, nan)
     """
     word = text.strip()
-    if len(word) <= _SHOWN and _NUMBER.fullmatch(word):
+    if len(word) <= _EXCERPT and _NUMBER.fullmatch(word):
         return float(word)
     if _NO_NUMBER.fullmatch(word):
         return math.nan
@@ -61,7 +60,7 @@ def number(text: str, what: str) -> float:
 
 
 def whole_number(text: str, what: str) -> int:
-    """Read a whole number, decimal or with ``0x`` before it.
+    """Return an integer, decimal or with the prefix ``0x``.
 
     Examples
     --------
@@ -73,35 +72,35 @@ def whole_number(text: str, what: str) -> int:
         return int(word, 16)
     if re.fullmatch(r"[+-]?\d{1,15}(?:\.0*)?", word, re.ASCII):
         return int(float(word))
-    raise ControllerError(f"the answer to '{what}' should be a whole number, got {excerpt(text)}")
+    raise ControllerError(f"the answer to '{what}' should be an integer, got {excerpt(text)}")
 
 
 def assignments(lines: Sequence[str], names: Sequence[str], what: str) -> list[str]:
-    """Read lines of the form ``name=value``, in any order; return the values in that of the names.
+    """Return the values of lines ``name=value`` in any order, in the order of the names.
 
     Examples
     --------
     >>> assignments(["1=0.5 ", "2=0.25"], ["2", "1"], "POS?")
     ['0.25', '0.5']
     """
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for line in lines:
         name, equals, value = line.rpartition("=")
-        if not equals or name.strip() in found:
+        if not equals or name.strip() in values:
             raise ControllerError(_not_an_answer(lines, names, what))
-        found[name.strip()] = value.strip()
-    if set(found) != set(names):
+        values[name.strip()] = value.strip()
+    if set(values) != set(names):
         raise ControllerError(_not_an_answer(lines, names, what))
-    return [found[name] for name in names]
+    return [values[name] for name in names]
 
 
 def parse_array(
     lines: Sequence[str], width: int, rows: int, what: str
 ) -> tuple[NDArray[np.float64], float | None]:
-    """Read an array of as many rows and columns (`width`) as `what` asked for.
+    """Return an array with the rows and columns (`width`) that `what` requested.
 
-    Returned are the numbers, shape (columns, rows), ``nan`` where a sensor gave that, and the time
-    from row to row [s], None where the heading does not say.
+    Returns the numbers, shape (columns, rows), NaN where a sensor has none, and the interval
+    between rows [s], None where the heading has none.
 
     Examples
     --------
@@ -113,31 +112,32 @@ def parse_array(
     keys: dict[str, str] = {}
     body = 0
     while body < len(lines) and lines[body].startswith("#"):
-        found = _KEY.match(lines[body].strip())
-        if found:
-            keys[found[1]] = found[2].strip()
+        match = _KEY.match(lines[body].strip())
+        if match:
+            keys[match[1]] = match[2].strip()
         body += 1
     interval = number(keys["SAMPLE_TIME"], what) if "SAMPLE_TIME" in keys else None
     values = _columns(lines[body:], keys.get("SEPARATOR", "32"), what)
     if values.shape != (rows, width):
         raise ControllerError(
-            f"'{what}' asked for {rows} rows of {width} columns, and {values.shape[0]} rows of "
-            f"{values.shape[1]} came: the answer was cut, or is that to something else"
+            f"'{what}' requested {rows} rows of {width} columns, and the answer has "
+            f"{values.shape[0]} rows of {values.shape[1]}: it is incomplete, or belongs to another "
+            "question"
         )
     return np.ascontiguousarray(values.T), interval
 
 
 def _columns(lines: Sequence[str], separator: str, what: str) -> NDArray[np.float64]:
-    divided = {"32": None, "9": "\t", "44": ",", "59": ";"}
-    if separator not in divided:
+    separators = {"32": None, "9": "\t", "44": ",", "59": ";"}
+    if separator not in separators:
         raise ControllerError(
-            f"the columns of the answer to '{what}' are divided by character {excerpt(separator)}, "
-            "and space, tab, comma or semicolon is known"
+            f"the separator of the answer to '{what}' is character {excerpt(separator)}, but must "
+            "be space, tab, comma or semicolon"
         )
-    words = [line.split(divided[separator]) for line in lines]
+    words = [line.split(separators[separator]) for line in lines]
     if len({len(row) for row in words}) > 1:
         raise ControllerError(
-            f"the rows of the answer to '{what}' differ in length: the answer was cut"
+            f"the rows of the answer to '{what}' differ in length: the answer is incomplete"
         )
     try:
         # "1_000" and digits of other scripts are numbers to Python
@@ -149,150 +149,151 @@ def _columns(lines: Sequence[str], separator: str, what: str) -> NDArray[np.floa
 
 
 def excerpt(text: str) -> str:
-    """Return a text as it can be shown, cut where it is long.
+    """Return a text for a message, truncated if it is long.
 
     Examples
     --------
     >>> excerpt("a" * 70)[-8:]
     "aaaa'..."
     """
-    return ascii(text[:_SHOWN]) + ("..." if len(text) > _SHOWN else "")
+    return ascii(text[:_EXCERPT]) + ("..." if len(text) > _EXCERPT else "")
 
 
 def _not_an_answer(lines: Sequence[str], names: Sequence[str], what: str) -> str:
     return (
         f"the answer to '{what}' should have one value for each of {', '.join(names)}, got "
-        f"{excerpt(' | '.join(lines))}: something else may be talking on this link"
+        f"{excerpt(' | '.join(lines))}: another program may be using this link"
     )
 
 
 #: Motion was stopped by a command.
 STOPPED = 10
-#: A clause for each number; the numbers belong to the command set, the words are this project's.
+#: Descriptions of error numbers; the numbers are those of the command set, the words our own.
 SENTENCES = MappingProxyType(
     {
-        1: "it cannot read the command as it is written",
-        2: "it does not know the command: its firmware may be older than this one needs",
-        3: "the command is too long for it: give a shorter line limit",
-        4: "it failed while reading its sensors",
-        5: "the axis is not referenced, or its position control is off: see to that first",
-        6: "the gain that was asked for is not one of its gains",
+        1: "it cannot parse the command",
+        2: "unknown command: its firmware may be too old",
+        3: "the command is too long: use a shorter line limit",
+        4: "it failed to read its sensors",
+        5: "the axis is not referenced, or its position control is off: reference it or switch the "
+        "control on first",
+        6: "it does not have the requested gain",
         7: "the position is outside the limits of the axis",
         8: "the speed is outside the limits of the axis",
-        9: "the pivot cannot be set while the axes that turn are not at 0",
+        9: "the pivot cannot be set while the rotary axes are not at 0",
         10: "motion was stopped by a command",
         14: "there is no such analogue input",
-        15: "there is no such axis: compare with those that the controller lists",
-        16: "it does not know the stage that was named",
+        15: "there is no such axis: compare with the axes of the controller",
+        16: "unknown stage",
         17: "a value is out of range",
         18: "there is no macro of that name",
         20: "there is no macro of that name",
         22: "an axis was named twice",
         23: "the axis cannot be used in this command",
         24: "the number of values in the command is wrong",
-        25: "a value is not a number that it can read",
+        25: "a value is not a valid number",
         26: "a value is missing",
         27: "a soft limit is outside the range of the axis",
         29: "the axis has no motor, or it is not connected",
         31: "the axis has no reference sensor",
         32: "the axis has no limit switch",
-        34: "this command is not allowed for the stage that is connected",
-        45: "the reference move failed: look whether the stage is free to move",
-        46: "the stage's own memory is missing: look at its cable",
+        34: "this command is not allowed for the connected stage",
+        45: "the reference move failed: check that the stage is free to move",
+        46: "the memory of the stage is missing: check its cable",
         47: "the memory of the stage is empty",
         49: "the move to a limit switch failed",
-        50: "it does not reference while referencing is switched off",
-        51: "the axis is under control of somebody else, such as a joystick or another program",
-        52: "its own parts cannot reach one another",
-        53: "a motion is still going on: wait until it has ended",
+        50: "referencing is switched off",
+        51: "the axis is under control of a joystick or another program",
+        52: "its internal communication failed",
+        53: "a motion is still in progress: wait for its end",
         54: "it has no such parameter",
         56: "the password for protected settings is wrong",
         57: "there is no such table of the recorder",
         58: "the recorder cannot record that quantity",
         59: "the recorder has no such source for that quantity",
-        60: "the parameter is protected: its level of command must be raised first",
-        61: "it is setting its zero: wait until that has ended",
-        62: "the parameter belongs to an axis that moves along a line",
-        63: "it is still starting: wait some seconds",
+        60: "the parameter is protected: raise the command level first",
+        61: "automatic zeroing is in progress: wait for its end",
+        62: "the parameter belongs to a linear axis",
+        63: "it is still starting: wait a few seconds",
         64: "the parameter can only be read",
         66: "the voltage is outside the limits of the drive",
-        67: "the wave table does not fit its memory",
+        67: "the wave table does not fit into its memory",
         69: "the delay of its learning control is too large",
-        70: "arrays that belong together have different lengths",
-        71: "a waveform of one run cannot be started again before it has ended",
-        72: "an analogue input gives the target of the axis: take it away first",
+        70: "related arrays have different lengths",
+        71: "a single-run waveform cannot be restarted before its end",
+        72: "an analogue input is the target of the axis: disconnect it first",
         73: "a waveform is running on the axis: stop it first",
-        74: "setting its zero is switched off",
-        75: "no wave table was chosen for the axis",
-        76: "commands came faster than it could take them",
-        77: "not so many samples are recorded yet",
+        74: "automatic zeroing is switched off",
+        75: "no wave table is selected for the axis",
+        76: "commands arrived faster than it can process them",
+        77: "not enough samples are recorded yet",
         78: "a table of the recorder is switched off",
-        79: "a voltage was asked for while position control is on: switch it off first",
+        79: "a voltage was commanded while position control is on: switch it off first",
         80: "its memory has failed",
         83: "a joystick is active",
         84: "the motor is off",
-        89: "the command is not allowed in the present kind of motion",
+        89: "the command is not allowed in the present motion mode",
         93: "the command is not allowed while the axis moves",
         95: "the parameter cannot be changed in the present state of position control",
-        200: "no stage is connected to the axis",
-        214: "the position of the axis is not known: reference it",
-        215: "the connection to a sensor or a drive may be broken: look at its cable",
+        200: "the axis has no connected stage",
+        214: "the position of the axis is unknown: reference it",
+        215: "the connection to a sensor or a drive may be broken: check its cable",
         216: "the axis is at a limit switch",
         301: "its buffer for answers is full",
         302: "the voltage is outside the limits of the drive",
-        303: "a voltage was asked for while position control is on: switch it off first",
-        304: "its buffer for commands is full: it was sent too much at once",
-        307: "it waited too long for the rest of a command",
-        308: "it ran out of time with what it was doing",
+        303: "a voltage was commanded while position control is on: switch it off first",
+        304: "its command buffer is full: too much was sent at once",
+        307: "timeout while it received a command",
+        308: "timeout of an operation",
         309: "its memory for macros is full",
-        333: "its hardware has failed: read its own messages, and switch it off and on",
+        333: "hardware failure: read its messages, and switch it off and on",
         400: "there is no such wave table",
-        401: "the wave table has nothing in it",
-        402: "it does not know that kind of waveform",
+        401: "the wave table is empty",
+        402: "unknown kind of waveform",
         403: "the waveform is longer than its memory",
         404: "the number of values of the waveform is wrong",
         405: "a value of the waveform is out of range",
-        406: "it does not know that way of starting a waveform",
-        500: "the emergency stop is pressed: release it when all is safe",
+        406: "unknown start mode of a waveform",
+        500: "the emergency stop is pressed: release it when it is safe to do so",
         501: "the emergency stop was pressed: acknowledge it at the controller",
         502: "two sensors of one axis differ too much",
         503: "a switch reports a collision of the stage",
         504: "the axis lags too far behind its target",
-        555: "it failed without saying why",
+        555: "unspecified failure",
         601: "its memory is full",
-        602: "a voltage of its own is wrong",
-        603: "it is too hot: switch it off and let it cool",
+        602: "an internal voltage is wrong",
+        603: "it is too hot: switch it off and let it cool down",
         604: "the axis is too far from its target",
         606: "an input is out of range",
-        1000: "macros start each other too deep",
-        1001: "a macro of that name is there already, or another one is being written",
+        1000: "macros are nested too deeply",
+        1001: "a macro of that name exists, or another one is being written",
         1002: "no macro is being written",
-        1003: "it does not know that function of macros",
-        1005: "it is busy, or another program controls it: wait until that ends",
+        1003: "unknown function of macros",
+        1005: "it is busy, or another program has control: wait for its end",
         1008: "a macro is running: stop it first",
     }
 )
 
 
 def error_sentence(code: int) -> str:
-    """Return what an error number means.
+    """Return the description of an error number.
 
     Examples
     --------
     >>> error_sentence(7)
     'the position is outside the limits of the axis (error 7)'
     >>> error_sentence(9876)
-    'error 9876, which its manual explains'
+    'error 9876: see the manual of the controller'
     """
     words = SENTENCES.get(code)
     if words is None:
-        return f"error {code}, which its manual explains"
+        return f"error {code}: see the manual of the controller"
     return f"{words} (error {code})"
 
 
 Range = tuple[float, float]
 
-#: Metres of the units in which controllers count along a line.
+#: Metres per unit of length of controllers.
 METRES = MappingProxyType(
     {
         "m": 1.0,
@@ -311,7 +312,7 @@ _TURNS = ("deg", "degree", "degrees", "\N{DEGREE SIGN}", "rad", "mrad", "urad", 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireUnit:
-    """A unit of the wire.
+    """A unit of a controller.
 
     Examples
     --------
@@ -321,20 +322,20 @@ class WireUnit:
     """
 
     factor: float
-    """SI value of one of it."""
+    """SI value of one unit."""
     decimals: int
-    """Digits behind the point that are sent."""
+    """Number of transmitted decimals."""
 
     def text(self, value: float, bounds: Range | None = None) -> str:
-        """Return a value [SI] as it is sent; rounding does not leave the bounds."""
+        """Return a value [SI] as text for the controller; rounding stays within the bounds."""
         return self.texts(np.array([value]), bounds)[0]
 
     def texts(self, values: NDArray[np.float64], bounds: Range | None = None) -> list[str]:
-        """Return values [SI], shape (n,), as they are sent: no exponents, no zeros at the end."""
+        """Return values [SI], shape (n,), as text: no exponents, no trailing zeros."""
         scale = 10.0**self.decimals
         steps = np.round(np.asarray(values, dtype=np.float64) / self.factor * scale)
         if bounds is not None:
-            # what is a rounding error away from a step of the wire is on it
+            # bounds within a rounding error of a transmitted step are on it
             low = math.ceil(bounds[0] / self.factor * scale - 1e-3)
             high = math.floor(bounds[1] / self.factor * scale + 1e-3)
             steps = np.clip(steps, low, high) if low <= high else steps
@@ -348,7 +349,7 @@ VOLTS = WireUnit(factor=1.0, decimals=6)
 
 
 def axis_unit(text: str, axis: str, name: str) -> WireUnit:
-    """Return the unit in which an axis counts by its answer to ``PUN?``, down to a picometre.
+    """Return the unit of an axis from its answer to ``PUN?``, with a resolution of a picometre.
 
     Examples
     --------
@@ -356,12 +357,12 @@ def axis_unit(text: str, axis: str, name: str) -> WireUnit:
     1e-06
     """
     word = text.strip().lower()
-    # a micro sign arrives in one byte, or in the two of UTF-8 read as latin-1
+    # a micro sign arrives as one byte, or as two bytes of UTF-8 read as latin-1
     factor = METRES.get(word.replace("\N{LATIN SMALL LETTER A WITH CIRCUMFLEX}", ""))
     if factor is None:
-        turns = "it turns" if word in _TURNS else "this is no unit of length that is known"
+        reason = "it is a rotary axis" if word in _TURNS else "this is not a known unit of length"
         raise ControllerError(
-            f"axis '{axis}' of the controller counts in {excerpt(text)}: {turns}, and axis "
-            f"'{name}' of the stage moves along a line; name the right one with axes={{...}}"
+            f"the unit of axis '{axis}' of the controller is {excerpt(text)}: {reason}, but axis "
+            f"'{name}' of the stage is linear; name the correct one with axes={{...}}"
         )
     return WireUnit(factor=factor, decimals=round(12.0 + math.log10(factor)))

@@ -1,4 +1,4 @@
-"""Files of a run, also after a kill: what is in a stream, and records that are kept and read."""
+"""Recovery of streams, and their conversion to HDF5 files of records."""
 
 import re
 import shutil
@@ -39,77 +39,75 @@ _MARK = re.compile(b"|".join(map(re.escape, (SAMPLES, END))))
 
 
 class Chunk(NamedTuple):
-    """Samples of a stream that can be read."""
+    """Readable samples of a stream."""
 
     position: int
-    """Where the samples of their frame are in the file [bytes]."""
+    """Position of the samples of the frame in the file [bytes]."""
     rows: int
-    """Samples of each channel in the frame."""
+    """Number of samples of each channel in the frame."""
     again: int
-    """How many of them came before."""
+    """Number of duplicates of earlier samples among them."""
     first: int
-    """Number of the first one after those."""
+    """Number of the first sample after the duplicates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamRecovery:
-    """What a stream still holds."""
+    """Readable content of a stream."""
 
     head: StreamHead
-    """Channels, rate, and what is known of the run."""
+    """Channels, rate, and metadata of the run."""
     chunks: tuple[Chunk, ...]
-    """Where its samples are, each once."""
+    """Chunks of samples, without duplicates."""
     ended: bool
-    """Whether the stream was ended by its writer: nothing came after."""
+    """Whether the writer ended the stream."""
     lost: tuple[Irregularity, ...]
-    """Ranges that are missing, or came twice."""
+    """Missing and duplicate ranges."""
     damaged_bytes: int
-    """Bytes that belong to no whole chunk: half a chunk at the end, as a crash leaves it, among
-    them.
-    """
+    """Number of bytes outside complete chunks, including an incomplete chunk at the end."""
     tail_bytes: int
-    """How many of those are at the end."""
+    """Number of such bytes at the end."""
 
     @property
     def samples(self) -> int:
-        """Samples of each channel that are safe."""
+        """Number of readable samples of each channel."""
         return sum(chunk.rows - chunk.again for chunk in self.chunks)
 
     @property
     def complete(self) -> bool:
-        """Whether the stream was ended and every sample that was written can be read."""
+        """Whether the stream was ended and every written sample is readable."""
         return self.ended and not any(part.kind == "damage" for part in self.lost)
 
     @property
     def damaged_inside(self) -> bool:
-        """Whether bytes before the end belong to no whole chunk: a damaged disk, and no crash."""
+        """Whether bytes before the end are damaged, by the disk and not by a crash."""
         return self.damaged_bytes > self.tail_bytes
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """All of it in words."""
+        """Notes on the state of the stream."""
         return tuple(_notes(self))
 
 
-def _notes(found: StreamRecovery) -> Iterator[str]:
-    damaged, tail = found.damaged_bytes, found.tail_bytes
-    if not found.ended:
-        yield f"the stream was not ended by its writer: {found.samples} samples are safe"
+def _notes(recovery: StreamRecovery) -> Iterator[str]:
+    damaged, tail = recovery.damaged_bytes, recovery.tail_bytes
+    if not recovery.ended:
+        yield f"the writer did not end the stream: {recovery.samples} samples are readable"
         if tail:
             yield (
-                f"at its end are {tail} bytes that are no whole chunk: samples that were being "
-                "written, or were damaged, are lost there"
+                f"the last {tail} bytes are an incomplete chunk: samples that were being written, "
+                "or were damaged, are lost there"
             )
-    if damaged > tail or (tail and found.ended):
-        inside = damaged if found.ended else damaged - tail
-        yield f"{inside} bytes inside the stream belong to no whole chunk"
-    yield from (str(part) for part in found.lost)
+    if damaged > tail or (tail and recovery.ended):
+        inside = damaged if recovery.ended else damaged - tail
+        yield f"{inside} bytes inside the stream are damaged"
+    yield from (str(part) for part in recovery.lost)
 
 
 def examine(path: str | Path) -> StreamRecovery:
-    """Say what a stream still holds.
+    """Return the readable content of a stream.
 
-    Every frame is checked by its checksum; where one fails, the next is looked for byte by byte.
+    Every frame is checked by its checksum; after a damaged one, the next is searched byte by byte.
     """
     try:
         with Path(path).open("rb") as file:
@@ -131,7 +129,7 @@ def _examined(file: BinaryIO, path: Path) -> StreamRecovery:
 
     def frame_at(place: int) -> StreamFrame | None:
         frame = read_frame(file, place, size, head.row_size, seed)
-        # no writer puts a frame behind a later one
+        # frames are in ascending order
         return frame if frame is not None and frame.number >= frames else None
 
     while position < size:
@@ -143,7 +141,7 @@ def _examined(file: BinaryIO, path: Path) -> StreamRecovery:
             continue
         _, number, first, rows = frame
         if first > following:
-            # a last frame counts the samples that were written
+            # the last frame counts the written samples
             kind = "damage" if number > frames or frame.mark == END else "gap"
             lost.append(Irregularity(kind=kind, first=following, count=first - following))
         if frame.mark == END:
@@ -170,39 +168,38 @@ def _examined(file: BinaryIO, path: Path) -> StreamRecovery:
 def _next_frame(
     file: BinaryIO, start: int, size: int, frame_at: Callable[[int], StreamFrame | None]
 ) -> int:
-    """Return where the next whole frame begins, or the end of the file."""
+    """Return the position of the next complete frame, or the end of the file."""
     while start < size:
         file.seek(start)
         block = file.read(_BLOCK)
-        for found in _MARK.finditer(block):
-            if frame_at(start + found.start()) is not None:
-                return start + found.start()
-        # a mark may lie across the end of the block
+        for mark in _MARK.finditer(block):
+            if frame_at(start + mark.start()) is not None:
+                return start + mark.start()
+        # a mark may cross the end of the block
         start += max(len(block) - len(END) + 1, 1)
     return size
 
 
-def chunks(path: Path, found: StreamRecovery) -> Iterator[tuple[int, Array]]:
-    """Give the samples of a stream, each once: number of the first, shape (channels, n).
+def chunks(path: Path, recovery: StreamRecovery) -> Iterator[tuple[int, Array]]:
+    """Yield the samples of a stream without duplicates: number of the first, shape (channels, n).
 
-    Where samples were given twice, the ones that were written first count. Chunks that follow one
-    another are given together, up to about 4 MiB, as files take few large pieces sooner than many
-    small ones.
+    Of duplicate samples, those that were written first are used. Consecutive chunks are joined, up
+    to about 4 MiB, since files are written faster in few large pieces.
     """
     gathered: list[Array] = []
     start = following = size = 0
     with path.open("rb") as file:
-        for chunk in found.chunks:
+        for chunk in recovery.chunks:
             file.seek(chunk.position)
-            data = file.read(chunk.rows * found.head.row_size)
-            if len(data) != chunk.rows * found.head.row_size:
+            data = file.read(chunk.rows * recovery.head.row_size)
+            if len(data) != chunk.rows * recovery.head.row_size:
                 raise RecordError(f"'{path}' became shorter while it was read")
             if gathered and (chunk.first != following or size + len(data) > _BLOCK):
                 yield start, np.concatenate(gathered, axis=1)
                 gathered, size = [], 0
             if not gathered:
                 start = chunk.first
-            part = np.frombuffer(data, dtype="<f8").reshape(len(found.head.channels), -1)
+            part = np.frombuffer(data, dtype="<f8").reshape(len(recovery.head.channels), -1)
             gathered.append(part[:, chunk.again :])
             size += len(data)
             following = chunk.first + chunk.rows - chunk.again
@@ -211,20 +208,20 @@ def chunks(path: Path, found: StreamRecovery) -> Iterator[tuple[int, Array]]:
 
 
 def recover(path: str | Path) -> tuple[Record, StreamRecovery]:
-    """Read all that is whole in a stream, and say what is safe, and what was lost.
+    """Return all readable samples of a stream, and a report on lost ones.
 
-    The stream is not changed. Where samples are missing the times of the record have a gap.
+    The stream is not changed. Missing samples are a gap in the times of the record.
 
     Validity
     --------
-    A chunk counts only if its checksum (CRC-32) is right: of
-    damaged chunks one in 4e9 would pass. A chunk is lost whole.
+    A chunk is valid only if its checksum (CRC-32) is correct: one damaged chunk in 4e9 would not be
+    detected. A damaged chunk is lost completely.
     """
     file = Path(path)
     recovery = examine(file)
     if recovery.samples < 2:
         raise RecordError(
-            f"'{file}' holds {recovery.samples} whole samples, and a record needs two: "
+            f"'{file}' contains {recovery.samples} complete samples, and a record needs two: "
             + "; ".join(recovery.notes)
         )
     values = np.empty((len(recovery.head.channels), recovery.samples))
@@ -251,67 +248,67 @@ def recover(path: str | Path) -> tuple[Record, StreamRecovery]:
     return record, recovery
 
 
-#: What an HDF5 file holds beside its samples [bytes].
+#: Size of an HDF5 file without its samples [bytes].
 _OVERHEAD = 64 * 1024
 
 
 def archived(stream: Path, target: Path) -> Path:
-    """Write what is whole in a stream as a new HDF5 file, and read it back; the stream stays.
+    """Write the readable samples of a stream to a new HDF5 file, and verify it; keep the stream.
 
     A dataset for each channel, with its ``unit`` and ``name``; the sample rate, or times where
-    samples are missing; what is known of the run. The file appears under its name when all of it is
-    on disk and was compared with the stream, bit by bit.
+    samples are missing; the metadata of the run. The file appears under its name once it is
+    completely on disk and identical with the stream, bit by bit.
     """
     if target.exists():
-        raise RecordError(f"'{target}' exists: no run is written over")
+        raise RecordError(f"'{target}' exists: runs are never overwritten")
     try:
-        found = examine(stream)
-        _require_room(stream, target.parent, found)
+        recovery = examine(stream)
+        _require_room(stream, target.parent, recovery)
         with draft_of(target) as draft:
-            _write(draft, stream, found)
-            _verify(draft, stream, found)
+            _write(draft, stream, recovery)
+            _verify(draft, stream, recovery)
     except RecordError:
         raise
-    except (OSError, RuntimeError) as error:  # h5py tells some failures of a disk as the latter
+    except (OSError, RuntimeError) as error:  # h5py reports some disk failures as the latter
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:160]
         raise RecordError(
-            f"'{target}' cannot be written ({reason}): the stream '{stream}' stays"
+            f"'{target}' cannot be written ({reason}): the stream '{stream}' is kept"
         ) from error
     return target
 
 
 def rescued(stream: Path, target: Path | None = None, *, remove: bool = False) -> Path:
-    """Write what a crash has left of a stream as an HDF5 file, beside it where none is named.
+    """Write the stream of a crashed run as an HDF5 file, by default with the same name.
 
-    Refused while another program writes the stream. It may be removed afterwards; one that a disk
-    has damaged stays in any case.
+    Refused while another program writes the stream. With `remove` the stream is removed afterwards,
+    except if the disk has damaged it.
     """
     if in_use(stream):
         raise RecordError(
-            f"'{stream}' is being written by another program: wait until it ends, or look at it "
+            f"'{stream}' is being written by another program: wait until it ends, or inspect it "
             "with --look"
         )
-    made = archived(stream, target or stream.with_suffix(".h5"))
+    record = archived(stream, target or stream.with_suffix(".h5"))
     if remove and not examine(stream).damaged_inside:
         stream.unlink()
-    return made
+    return record
 
 
-def _is_whole(found: StreamRecovery) -> bool:
-    """Return whether the samples are evenly spaced, so that the record has no times."""
-    return not any(part.kind != "overlap" for part in found.lost)
+def _is_uniform(recovery: StreamRecovery) -> bool:
+    """Return whether the samples are uniform, so that the record has no times."""
+    return not any(part.kind != "overlap" for part in recovery.lost)
 
 
-def _require_room(stream: Path, folder: Path, found: StreamRecovery) -> None:
-    """Refuse a disk that is too full; h5py writes tracebacks of its own when it finds that out."""
-    columns = len(found.head.channels) + (not _is_whole(found))
-    needed = _OVERHEAD + 8 * found.samples * columns
+def _require_room(stream: Path, folder: Path, recovery: StreamRecovery) -> None:
+    """Refuse a disk that is too full, on which h5py would print its own tracebacks."""
+    columns = len(recovery.head.channels) + (not _is_uniform(recovery))
+    needed = _OVERHEAD + 8 * recovery.samples * columns
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise RecordError(
-            f"'{folder}' has {free / 1e6:.1f} MB of room, and the record needs {needed / 1e6:.1f} "
-            f"MB: all {found.samples} samples are safe in '{stream}'; make room, then "
-            f"'flexstage runs recover {stream}'"
+            f"'{folder}' has {free / 1e6:.1f} MB of free space, and the record needs "
+            f"{needed / 1e6:.1f} MB: all {recovery.samples} samples are safe in '{stream}'; free "
+            f"some space, then run 'flexstage runs recover {stream}'"
         )
 
 
@@ -319,23 +316,24 @@ def _keys(head: StreamHead) -> list[str]:
     return file_keys((name for name, _ in head.channels), (RUN, "time"))
 
 
-def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
+def _write(draft: Path, stream: Path, recovery: StreamRecovery) -> None:
     import h5py
 
-    head = found.head
-    total = found.samples
-    whole = _is_whole(found)
+    head = recovery.head
+    total = recovery.samples
+    uniform = _is_uniform(recovery)
     if total < 2:
         raise RecordError(
-            f"'{stream}' holds {total} whole samples, and a record needs two: the stream stays"
+            f"'{stream}' contains {total} complete samples, and a record needs two: the stream is "
+            "kept"
         )
     with h5py.File(draft, "w", track_order=True) as file:
-        _describe(file, found)
-        if whole:
+        _describe(file, recovery)
+        if uniform:
             file.attrs["sample_rate_hz"] = head.sample_rate_hz
             times = None
         else:
-            # a name that no reader takes for the rate of evenly spaced samples
+            # readers must not take this for the rate of uniform samples
             file.attrs["nominal_rate_hz"] = head.sample_rate_hz
             times = _dataset(file, "time", "time", "s", total)
         sets = [
@@ -343,7 +341,7 @@ def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
             for key, (name, unit) in zip(_keys(head), head.channels, strict=True)
         ]
         at = 0
-        for first, part in chunks(stream, found):
+        for first, part in chunks(stream, recovery):
             rows = slice(at, at + part.shape[1])
             for dataset, values in zip(sets, part, strict=True):
                 dataset[rows] = values
@@ -352,10 +350,10 @@ def _write(draft: Path, stream: Path, found: StreamRecovery) -> None:
             at = rows.stop
 
 
-def _describe(file: Any, found: StreamRecovery) -> None:
-    for key, value in run_attributes(found.head.run, found.complete, found.notes).items():
+def _describe(file: Any, recovery: StreamRecovery) -> None:
+    for key, value in run_attributes(recovery.head.run, recovery.complete, recovery.notes).items():
         if key == RUN:
-            # of any length, and so no attribute; of a fixed one, which Octave reads as well
+            # too long for an attribute; of fixed length, which Octave can read
             file.create_dataset(key, data=np.bytes_(str(value).encode()))
         else:
             file.attrs[key] = value
@@ -368,46 +366,46 @@ def _dataset(file: Any, key: str, label: str, unit: str, size: int) -> Any:
     return dataset
 
 
-def _verify(draft: Path, stream: Path, found: StreamRecovery) -> None:
+def _verify(draft: Path, stream: Path, recovery: StreamRecovery) -> None:
     """Compare every sample of the file with the stream."""
     import h5py
 
     with h5py.File(draft, "r") as opened:
         file: Any = opened
-        sets = [file[key] for key in _keys(found.head)]
+        sets = [file[key] for key in _keys(recovery.head)]
         at = 0
-        for _, part in chunks(stream, found):
+        for _, part in chunks(stream, recovery):
             rows = slice(at, at + part.shape[1])
             for dataset, values in zip(sets, part, strict=True):
-                # as bytes, so that a value that is no number is equal to itself
+                # as bytes, so that NaN equals itself
                 if np.asarray(dataset[rows]).tobytes() != values.tobytes():
                     raise RecordError(
-                        f"what was read back of '{stream}' is not what was written: the disk may "
-                        "be damaged, and the stream stays"
+                        f"the file of '{stream}' differs from the stream: the disk may be damaged; "
+                        "the stream is kept"
                     )
             at = rows.stop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunFile:
-    """What an HDF5 file of a run says about itself."""
+    """Summary of an HDF5 file of a run."""
 
     metadata: RunMetadata
-    """What is known of the run."""
+    """Metadata of the run."""
     channels: tuple[tuple[str, str], ...]
     """Name and unit of each channel."""
     samples: int
-    """Samples of each channel."""
+    """Number of samples of each channel."""
     sample_rate_hz: float
     """Samples in a second [Hz]."""
     complete: bool
-    """Whether its stream was ended by its writer, and nothing of it was lost."""
+    """Whether the writer ended the stream, and no sample was lost."""
     lost: str
-    """What was lost, or came twice, in words; empty where nothing was."""
+    """Notes on lost and duplicate samples; empty where there are none."""
 
 
 def file_summary(path: str | Path) -> RunFile:
-    """Return what an HDF5 file of a run says about itself, without reading its samples."""
+    """Return a summary of an HDF5 file of a run, without reading its samples."""
     import h5py
 
     try:
@@ -429,5 +427,5 @@ def file_summary(path: str | Path) -> RunFile:
     except (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError) as error:
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
         raise RecordError(
-            f"'{path}' is no whole HDF5 file of a run of flexstage ({reason})"
+            f"'{path}' is not a complete HDF5 file of a run of flexstage ({reason})"
         ) from error

@@ -1,4 +1,4 @@
-"""What is known of a run before its first sample: stage, instrument, settings, who and why."""
+"""Metadata of a run, known before its first sample: stage, instrument, settings, operator."""
 
 import datetime
 import json
@@ -16,20 +16,20 @@ from flexstage.files.nodes import node_of
 from flexstage.instruments.protocol import Identity
 from flexstage.records import Record
 
-#: What is known of a run, as its files say it.
+#: Format of the metadata in files.
 RUN_DESCRIPTION = Format(
     noun="description of a run",
     error=RecordError,
     later=True,
     exact=True,
-    mend="give the file of a run as flexstage wrote it",
+    mend="give the unchanged file of a run of flexstage",
 )
 
-#: What the whole description is called, in the file and among the attributes of the record.
+#: Name of the metadata in the file and among the attributes of the record.
 RUN = "run"
-#: What else is said there: what was lost, and whether the run was ended by its writer.
+#: Names of further attributes: lost samples, and whether the writer ended the run.
 LOST, ENDING = "lost", "ending"
-# HDF5 keeps attributes in the head of the file, which has room for 64 KiB
+# HDF5 stores attributes in the head of the file, which is limited to 64 KiB
 _LONGEST = 1000
 
 
@@ -39,7 +39,7 @@ def utc_now() -> str:
 
 
 def utc_time(text: str, what: str) -> datetime.datetime:
-    """Return a date and time in UTC; `what` it is, for messages."""
+    """Return a date and time in UTC; `what` is its name in messages."""
     try:
         time = datetime.datetime.fromisoformat(text)
         if time.tzinfo is not None:
@@ -52,27 +52,27 @@ def utc_time(text: str, what: str) -> datetime.datetime:
 
 
 def new_identifier() -> str:
-    """Return a name for a run that no other has."""
+    """Return a unique identifier of a run."""
     return uuid.uuid4().hex
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOrigin:
-    """Which plan a run belongs to, and who made it by which flexstage."""
+    """Plan, operator, remark and version of a run."""
 
     plan: str = ""
     """The plan."""
     operator: str = ""
-    """Who made it."""
+    """The operator."""
     note: str = ""
-    """What they say about it."""
+    """A remark."""
     version: str = ""
     """Version of flexstage."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageRun(RunOrigin):
-    """A run on a stage by an instrument, of one record or of a whole plan."""
+    """A run on a stage with an instrument, of one record or of a complete plan."""
 
     stage: str
     """Name of the stage."""
@@ -81,14 +81,14 @@ class StageRun(RunOrigin):
     serial_number: str = ""
     """Serial number of the stage."""
     instrument: Identity
-    """What the instrument says it is."""
+    """Identity of the instrument."""
     started: str = ""
-    """Date and time of the start, UTC, ISO 8601; empty until the run is begun."""
+    """Date and time of the start, UTC, ISO 8601; empty before the start."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunMetadata(StageRun):
-    """What is written at the head of a run, so that its file tells all of it alone.
+    """Complete metadata of a run, for the head of its file.
 
     Examples
     --------
@@ -100,11 +100,11 @@ class RunMetadata(StageRun):
     version: str = __version__
     """Version of flexstage."""
     design: str = ""
-    """Built-in design, or file, that its description comes from."""
+    """Built-in design, or file, of the stage's description."""
     settings: Mapping[str, str] = field(default_factory=dict)
-    """Its settings, as text (`Instrument.settings`)."""
+    """Settings of the instrument, as text (`Instrument.settings`)."""
     kind: str = ""
-    """Which kind of test it is: ``motion``, ``staircase``, ``hold``..."""
+    """Kind of test: ``motion``, ``staircase``, ``hold``..."""
     axis: str = ""
     """The axis that moves."""
     step: str = ""
@@ -112,8 +112,8 @@ class RunMetadata(StageRun):
     seed: int | None = None
     """Seed of a simulation, or of a designed command."""
     identifier: str = ""
-    """Name of the run that no other has: 32 hexadecimal digits; empty until the run is begun. So
-    one description serves for several runs.
+    """Unique identifier, 32 hexadecimal digits; empty before the start, so that the metadata can be
+    used for several runs.
     """
 
     def __post_init__(self) -> None:
@@ -124,7 +124,7 @@ class RunMetadata(StageRun):
         if self.seed is not None and (
             isinstance(self.seed, bool) or not isinstance(self.seed, int)
         ):
-            raise RecordError(f"the seed of a run must be a whole number, got {self.seed!r}")
+            raise RecordError(f"the seed of a run must be an integer, got {self.seed!r}")
         if not all(isinstance(k, str) and isinstance(v, str) for k, v in self.settings.items()):
             raise RecordError("the settings of an instrument must be texts by name")
         digits = self.identifier
@@ -136,7 +136,7 @@ class RunMetadata(StageRun):
             self.start_time()
 
     def begun(self) -> "RunMetadata":
-        """Return the same with a start, now, and an identifier, where it has none."""
+        """Return the metadata with start time and identifier, where they are missing."""
         return replace(
             self,
             started=self.started or utc_now(),
@@ -153,25 +153,25 @@ class RunMetadata(StageRun):
 
     @classmethod
     def from_plain(cls, plain: Any) -> "RunMetadata":
-        """Return what `plain` wrote; names that this version does not know are left out."""
-        decoder = Decoder("what is said about a run", RUN_DESCRIPTION)
+        """Return the metadata from the output of `plain`; unknown names are ignored."""
+        decoder = Decoder("metadata of a run", RUN_DESCRIPTION)
         return decoder.decode(cls, node_of(plain), "")
 
     def texts(self) -> dict[str, str]:
-        """Return what a reader of the file looks for first, as lines of text; no empty ones."""
-        told = self.instrument
-        device = " ".join(w for w in (told.vendor, told.model, told.serial_number) if w)
+        """Return the non-empty metadata of most interest, as lines of text."""
+        identity = self.instrument
+        device = " ".join(w for w in (identity.vendor, identity.model, identity.serial_number) if w)
         lines = {f.name: getattr(self, f.name) for f in fields(self) if f.type is str}
-        lines["instrument"] = f"{device} (simulated)" if told.simulated else device
-        lines["simulated"] = "yes" if told.simulated else "no"
+        lines["instrument"] = f"{device} (simulated)" if identity.simulated else device
+        lines["simulated"] = "yes" if identity.simulated else "no"
         lines["seed"] = "" if self.seed is None else str(self.seed)
         return {k: v for k, v in lines.items() if v}
 
 
 def run_attributes(run: RunMetadata, complete: bool, lost: Sequence[str]) -> dict[str, str]:
-    """Return what a record of a run says about it: all as JSON (``run``), and lines of text.
+    """Return the attributes of the record of a run: all metadata as JSON (``run``), and as text.
 
-    `lost` says in words what was lost, or came twice.
+    `lost` are notes on lost and duplicate samples.
     """
     lines = {k: _line(v) for k, v in run.texts().items()}
     lines[ENDING] = "complete" if complete else "recovered"
@@ -181,22 +181,21 @@ def run_attributes(run: RunMetadata, complete: bool, lost: Sequence[str]) -> dic
 
 
 def _line(text: str) -> str:
-    """Return a text that HDF5 can hold as an attribute."""
+    """Return a text that can be an HDF5 attribute."""
     line = " ".join(text.replace("\0", " ").split())[:_LONGEST]
     return line.encode("utf-8", "replace").decode("utf-8")
 
 
 def read_metadata(record: Record) -> RunMetadata:
-    """Return what is known of a run from its record."""
+    """Return the metadata of a run from its record."""
     if RUN not in record.attributes:
         raise RecordError(
-            f"the record '{record.source}' does not say which run it is of: it was not written by "
-            "a recording of flexstage"
+            f"the record '{record.source}' has no metadata of its run: flexstage did not record it"
         )
     return read_description(record.attributes[RUN], record.source)
 
 
 def read_description(text: str | bytes, source: str | Path) -> RunMetadata:
-    """Return what is known of a run from the JSON that a file holds of it."""
+    """Return the metadata of a run from the JSON in its file."""
     where = f"the description of the run in {source}"
     return read_json(RunMetadata, text, where, RUN_DESCRIPTION)

@@ -1,14 +1,14 @@
-"""The bytes of a stream, and the file that they are written to.
+"""Format of a stream, and its file.
 
 A stream is a head, then frames, each with its own checksum::
 
     head:  mark (8)  version (4)  length (4)  JSON (length)  checksum (4)
     frame: mark (4)  number (4)  first (8)  rows (4)  checksum (4)  samples
 
-All integers are unsigned, lowest byte first. Samples are doubles, one channel after the other. The
-checksum is CRC-32 of all before it, and of the samples; that of a frame begins with that of the
-head, so that no frame of another run fits. `number` counts frames, so that one that is lost shows;
-`first` counts samples. A last frame without samples says that the stream was ended.
+All integers are unsigned, little-endian. Samples are doubles, one channel after the other. The
+checksum is CRC-32 of all bytes before it, and of the samples. The checksum of a frame starts from
+that of the head, so that a frame of another run is invalid. `number` counts frames, which reveals a
+lost one; `first` counts samples. A last frame without samples ends the stream.
 """
 
 import contextlib
@@ -30,9 +30,9 @@ from flexstage.files.write import sync_folder
 from flexstage.instruments.recording.metadata import RUN_DESCRIPTION, RunMetadata
 from flexstage.records.columns import measured_unit
 
-#: How the name of a stream ends.
+#: Suffix of the name of a stream.
 STREAM_SUFFIX = ".stream"
-#: First bytes of a stream; the first of them is no letter, so that it is taken for no text.
+#: First bytes of a stream; the first one is not a letter, so that programs do not take it for text.
 HEAD = b"\x8eFXSTRM\n"
 #: First bytes of a frame of samples, and of the last one.
 SAMPLES, END = b"\xf5FX\x8e", b"\xf5FX\x9c"
@@ -42,14 +42,14 @@ LARGEST_HEAD, LARGEST_PAYLOAD = 2**22, 2**22
 _FRAME = struct.Struct("<4sIQI")
 _PREAMBLE = struct.Struct("<8sII")
 _CHECKSUM = struct.Struct("<I")
-#: Size of what stands before the samples of a frame [bytes].
+#: Size of the header of a frame [bytes].
 FRAME_SIZE = _FRAME.size + _CHECKSUM.size
 _VERSION = 2
 _HEAD_TEXT = replace(RUN_DESCRIPTION, noun="head of a stream")
 
 
 class StreamFrame(NamedTuple):
-    """What stands before the samples of a frame."""
+    """Header of a frame."""
 
     mark: bytes
     """`SAMPLES` or `END`."""
@@ -58,43 +58,43 @@ class StreamFrame(NamedTuple):
     first: int
     """Number of its first sample."""
     rows: int
-    """Samples of each channel."""
+    """Number of samples of each channel."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Irregularity:
-    """Samples that a stream does not hold, or holds twice."""
+    """Missing or duplicate samples of a stream."""
 
     kind: str
-    """``damage`` where they were written and cannot be read, ``gap`` where they were never given,
-    ``overlap`` where they were given twice.
+    """``damage`` for samples that were written but cannot be read, ``gap`` for samples that were
+    never received, ``overlap`` for samples that were received twice.
     """
     first: int
-    """Number of the first of them."""
+    """Number of the first one."""
     count: int
-    """How many."""
+    """Number of samples."""
 
     def __str__(self) -> str:
         last = self.first + self.count - 1
         which = f"sample {self.first}" if self.count == 1 else f"samples {self.first} to {last}"
-        said = {
-            "damage": "lost to damage of the file",
-            "gap": "never given by the instrument",
-            "overlap": "given twice: the first ones count",
+        descriptions = {
+            "damage": "lost by damage of the file",
+            "gap": "not received from the instrument",
+            "overlap": "received twice: the first ones are used",
         }
-        return f"{which} {said[self.kind]}"
+        return f"{which} {descriptions[self.kind]}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamHead:
-    """What stands at the beginning of a stream."""
+    """Head of a stream."""
 
     channels: tuple[tuple[str, str], ...]
     """Name and SI unit of each channel."""
     sample_rate_hz: float
     """Samples in a second [Hz]."""
     run: RunMetadata
-    """What is known of the run."""
+    """Metadata of the run."""
 
     def __post_init__(self) -> None:
         checked_channels(self.channels)
@@ -110,17 +110,18 @@ class StreamHead:
     @classmethod
     def read(cls, file: BinaryIO, path: Path) -> "StreamHead":
         """Read the head of a stream; its frames follow. `path` is the file, for messages."""
-        begun = file.read(_PREAMBLE.size)
-        if not begun.startswith(HEAD):
+        preamble = file.read(_PREAMBLE.size)
+        if not preamble.startswith(HEAD):
             raise RecordError(
-                f"'{path}' is no stream of a run: give a file whose name ends in {STREAM_SUFFIX}, "
-                "or read the HDF5 file beside it"
+                f"'{path}' is not a stream of a run: give a file whose name ends in "
+                f"{STREAM_SUFFIX}, or read the HDF5 file of the same name"
             )
-        version, length = _PREAMBLE.unpack(begun)[1:] if len(begun) == _PREAMBLE.size else (0, 0)
+        complete = len(preamble) == _PREAMBLE.size
+        version, length = _PREAMBLE.unpack(preamble)[1:] if complete else (0, 0)
         text = file.read(min(length, LARGEST_HEAD))
-        if file.read(_CHECKSUM.size) != _CHECKSUM.pack(zlib.crc32(text, zlib.crc32(begun))):
+        if file.read(_CHECKSUM.size) != _CHECKSUM.pack(zlib.crc32(text, zlib.crc32(preamble))):
             raise RecordError(
-                f"the head of the stream '{path}' is damaged, so its numbers cannot be read"
+                f"the head of the stream '{path}' is damaged, so its samples cannot be read"
             )
         if version != _VERSION:
             later = ", or a later one" if version > _VERSION else ""
@@ -140,7 +141,7 @@ class StreamHead:
 
 
 def checked_channels(channels: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-    """Return names and units of channels, if a record can have them.
+    """Return names and units of channels; refuse invalid ones.
 
     Examples
     --------
@@ -153,17 +154,17 @@ def checked_channels(channels: Sequence[tuple[str, str]]) -> tuple[tuple[str, st
     for name, unit in channels:
         if not isinstance(name, str) or not name.strip() or name != " ".join(name.split()):
             raise RecordError(
-                f"the name of a channel must be one line without spaces around it, got {name!r}"
+                f"the name of a channel must be one line without surrounding spaces, got {name!r}"
             )
         if not name.isprintable() or name.lower() == "time":
             raise RecordError(
-                f"a channel cannot be called {name!r}: 'time' is what its samples are counted by, "
-                "and other names must be printable"
+                f"a channel cannot be called {name!r}: 'time' is reserved, and names must be "
+                "printable"
             )
         _require_si(name, unit)
     again = sorted({n for n in names if names.count(n) > 1})
     if again:
-        raise RecordError(f"two channels have the name '{again[0]}': give each its own")
+        raise RecordError(f"two channels have the name '{again[0]}': use different names")
     return tuple((str(n), str(u)) for n, u in channels)
 
 
@@ -177,7 +178,7 @@ def _require_si(name: str, unit: str) -> None:
     if factor != 1.0 or si != unit:
         raise RecordError(
             f"channel '{name}' must be recorded in an SI unit, got '{unit}': multiply its values "
-            f"by {factor:g} and say '{si}'"
+            f"by {factor:g} and give '{si}'"
         )
 
 
@@ -186,7 +187,7 @@ def head_bytes(head: StreamHead) -> bytes:
     text = json.dumps(head.plain(), allow_nan=False).encode("ascii")
     if len(text) > LARGEST_HEAD:
         raise RecordError(
-            f"what is said about a run may have {LARGEST_HEAD} letters at most, got {len(text)}: "
+            f"the metadata of a run may have at most {LARGEST_HEAD} characters, got {len(text)}: "
             "shorten its note or the settings"
         )
     covered = _PREAMBLE.pack(HEAD, _VERSION, len(text)) + text
@@ -194,16 +195,16 @@ def head_bytes(head: StreamHead) -> bytes:
 
 
 def frame_bytes(mark: bytes, number: int, first: int, columns: Sequence[Array], seed: int) -> bytes:
-    """Return the bytes of a frame of columns of contiguous doubles, of the head of a checksum."""
-    begun = _FRAME.pack(mark, number, first, columns[0].size if columns else 0)
-    checksum = zlib.crc32(begun, seed)
+    """Return the bytes of a frame of contiguous columns; `seed` is the checksum of the head."""
+    header = _FRAME.pack(mark, number, first, columns[0].size if columns else 0)
+    checksum = zlib.crc32(header, seed)
     for column in columns:
         checksum = zlib.crc32(column.data, checksum)
-    return b"".join([begun, _CHECKSUM.pack(checksum), *(column.data for column in columns)])
+    return b"".join([header, _CHECKSUM.pack(checksum), *(column.data for column in columns)])
 
 
 def checksum_before(file: BinaryIO, position: int) -> int:
-    """Return the checksum of the head of a stream, whose frames begin at a position."""
+    """Return the checksum of the head of a stream, whose frames start at a position."""
     file.seek(position - _CHECKSUM.size)
     checksum: int
     (checksum,) = _CHECKSUM.unpack(file.read(_CHECKSUM.size))
@@ -213,37 +214,37 @@ def checksum_before(file: BinaryIO, position: int) -> int:
 def read_frame(
     file: BinaryIO, position: int, size: int, row_size: int, seed: int
 ) -> StreamFrame | None:
-    """Return the frame at a position of a file of some size, None where there is no whole one.
+    """Return the frame at a position of a file of a given size; None without a complete frame.
 
     `seed` is the checksum of the head.
     """
     file.seek(position)
-    begun = file.read(FRAME_SIZE)
-    if len(begun) < FRAME_SIZE or not begun.startswith((SAMPLES, END)):
+    header = file.read(FRAME_SIZE)
+    if len(header) < FRAME_SIZE or not header.startswith((SAMPLES, END)):
         return None
-    frame = StreamFrame._make(_FRAME.unpack_from(begun))
+    frame = StreamFrame._make(_FRAME.unpack_from(header))
     length = frame.rows * row_size
     if length > LARGEST_PAYLOAD + row_size or position + FRAME_SIZE + length > size:
         return None
-    checksum = zlib.crc32(file.read(length), zlib.crc32(begun[: _FRAME.size], seed))
-    return frame if begun[_FRAME.size :] == _CHECKSUM.pack(checksum) else None
+    checksum = zlib.crc32(file.read(length), zlib.crc32(header[: _FRAME.size], seed))
+    return frame if header[_FRAME.size :] == _CHECKSUM.pack(checksum) else None
 
 
 class StreamPosition(NamedTuple):
-    """How far a stream is written."""
+    """Length of a stream."""
 
     size: int
     """Its size [bytes]."""
     frames: int = 0
-    """Its frames."""
+    """Number of frames."""
     samples: int = 0
-    """Samples of each channel."""
+    """Number of samples of each channel."""
 
 
 class StreamFile:
     """A new file with the head of a stream, to which frames are added.
 
-    `opener` opens a file for writing bytes, without a buffer. What fails later is an `OSError`.
+    `opener` opens a file for writing bytes, without a buffer. Later failures are an `OSError`.
     """
 
     def __init__(
@@ -255,7 +256,7 @@ class StreamFile:
         self.at = self.safe = StreamPosition(size=len(first))
 
     def append(self, mark: bytes, first: int, columns: list[Array]) -> None:
-        """Write a frame of a kind; where that fails, `cut` removes what there is of it."""
+        """Write a frame; if this fails, `cut` removes its incomplete bytes."""
         at = self.at
         data = frame_bytes(mark, at.frames, first, columns, self._seed)
         _write_all(self._file, data)
@@ -263,23 +264,23 @@ class StreamFile:
         self.at = StreamPosition(at.size + len(data), at.frames + 1, at.samples + rows)
 
     def sync(self) -> None:
-        """Force what was written to the disk."""
+        """Force the written bytes to the disk."""
         os.fsync(self._file.fileno())
         self.trust()
 
     def trust(self) -> None:
-        """Take all that was written for safe."""
+        """Consider all written bytes as safe."""
         self.safe = self.at
 
     def cut(self) -> None:
-        """Remove what there is of a frame that could not be written whole."""
-        # a reader passes over half a frame, so nothing is lost where this fails too
+        """Remove the bytes of an incomplete frame."""
+        # a reader skips an incomplete frame, so nothing is lost if this fails too
         with contextlib.suppress(OSError):
             self._file.truncate(self.at.size)
             self._file.seek(self.at.size)
 
     def back(self) -> None:
-        """Remove what is not known to be safe, to write it again."""
+        """Remove all bytes that may not be safe, to write them again."""
         self.at = self.safe
         self._file.truncate(self.at.size)
         self._file.seek(self.at.size)
@@ -292,8 +293,8 @@ class StreamFile:
 def _mark_in_use(file: BinaryIO) -> None:
     """Mark an open file as being written, until it is closed or the program ends.
 
-    Windows needs no mark, as it lets nobody remove an open file; some network file systems know
-    none.
+    Windows needs no mark, since it does not permit removal of an open file; some network file
+    systems do not support marks.
     """
     if sys.platform != "win32":
         import fcntl
@@ -303,7 +304,7 @@ def _mark_in_use(file: BinaryIO) -> None:
 
 
 def in_use(path: Path) -> bool:
-    """Say whether a stream is being written, as far as the system tells."""
+    """Return whether a stream is being written, as far as the system reports it."""
     if sys.platform == "win32":
         return False
     import fcntl
@@ -320,14 +321,14 @@ def in_use(path: Path) -> bool:
 
 def _opened(path: Path, opener: Callable[[Path], Any], first: bytes) -> BinaryIO:
     if path.with_suffix(".h5").exists():
-        raise RecordError(f"'{path.with_suffix('.h5')}' exists: no run is written over")
+        raise RecordError(f"'{path.with_suffix('.h5')}' exists: runs are never overwritten")
     try:
         file = cast(BinaryIO, opener(path))
     except FileExistsError as error:
-        raise RecordError(f"'{path}' exists: no run is written over") from error
+        raise RecordError(f"'{path}' exists: runs are never overwritten") from error
     except OSError as error:
         raise RecordError(
-            f"the stream '{path}' cannot be made: {error.strerror or error}"
+            f"the stream '{path}' cannot be created: {error.strerror or error}"
         ) from error
     try:
         _mark_in_use(file)
@@ -338,7 +339,8 @@ def _opened(path: Path, opener: Callable[[Path], Any], first: bytes) -> BinaryIO
         file.close()
         path.unlink(missing_ok=True)
         raise RecordError(
-            f"the stream '{path}' cannot be begun: {error.strerror or error}; nothing was recorded"
+            f"the stream '{path}' cannot be started: {error.strerror or error}; nothing was "
+            "recorded"
         ) from error
     return file
 
@@ -348,7 +350,7 @@ def _new_file(path: Path) -> BinaryIO:
 
 
 def _write_all(file: BinaryIO, data: bytes) -> None:
-    """Write all bytes: one call may take only some of them."""
+    """Write all bytes: one call may write only a part of them."""
     view = memoryview(data)
     while view:
         view = view[file.write(view) :]

@@ -1,4 +1,4 @@
-"""Writing samples to disk while they are taken, so that a crash loses none that was written."""
+"""Writer of samples to disk during a measurement, so that a crash loses no written sample."""
 
 import contextlib
 import time
@@ -23,32 +23,33 @@ from flexstage.instruments.recording.stream import (
     StreamHead,
 )
 
-# so much may wait for the disk at most, whatever the clock says [bytes]
+# largest amount of data before a sync, in addition to the time limit [bytes]
 _MOST_UNSYNCED = 8 * 2**20
 # the number of the first sample, and samples of each channel
 _Chunk = tuple[int, list[Array]]
 
 
 class RunWriter:
-    """A stream of samples on disk: appended chunk by chunk, kept whatever happens.
+    """A stream of samples on disk, appended chunk by chunk and safe against crashes.
 
-    Every chunk is framed with its length and a checksum, and handed to the operating system before
-    `append` returns, so that the end of the program, by ``kill -9`` too, loses nothing that was
-    appended. What a power failure may lose is what came after the last `sync`. On `close` the
-    stream becomes an HDF5 file, and is removed once that was read back and is the same.
+    Every chunk is framed with its length and a checksum, and written to the operating system before
+    `append` returns. So the end of the program, even by ``kill -9``, loses no appended sample. A
+    power failure may lose samples after the last `sync`. `close` converts the stream to an HDF5
+    file, reads it back, compares it, and then removes the stream.
 
-    As a context manager it closes the stream; where the block failed it leaves it for `recover`.
+    As a context manager it closes the stream; if the block failed, the stream remains for
+    `recover`.
 
     The name of the stream ends in ``.stream``; it must not exist, and its folder must. `channels`
-    are the name and SI unit of each. The metadata get a start and an identifier where they have
-    none. `sync` is the longest time that samples wait until they are forced to the disk [s]: 0 for
-    no time at all, None to leave it to the operating system. `opener` opens a new file for writing
-    bytes, without a buffer.
+    are the name and SI unit of each. Missing start time and identifier are added to the metadata.
+    `sync` is the longest time until samples are forced to the disk [s]: 0 for immediately, None for
+    the default of the operating system. `opener` opens a new file for writing bytes, without a
+    buffer.
 
     Validity
     --------
-    For one thread. Between an append and the sync that follows, at most `sync` seconds and 8 MiB
-    are exposed to a power failure; `synced` says how many samples are not.
+    For one thread. Between an append and the following sync, samples of at most `sync` seconds and
+    8 MiB are exposed to a power failure; `synced` is the number of samples that are not.
     """
 
     def __init__(
@@ -86,7 +87,7 @@ class RunWriter:
 
     @property
     def samples(self) -> int:
-        """Number of samples of each channel that were written."""
+        """Number of written samples of each channel."""
         return self._file.at.samples
 
     @property
@@ -96,7 +97,7 @@ class RunWriter:
 
     @property
     def failed(self) -> bool:
-        """Whether the stream could not be written on, so that samples are in `unsaved`."""
+        """Whether writing to the stream failed, so that samples are in `unsaved`."""
         return self._state == "failed"
 
     @property
@@ -106,28 +107,28 @@ class RunWriter:
 
     @property
     def unsaved(self) -> tuple[tuple[int, dict[str, Array]], ...]:
-        """Chunks that are not sure to be on disk: number of the first sample, and columns."""
+        """Chunks that may not be on disk: number of the first sample, and columns."""
         return tuple(
             (first, dict(zip(self._names, columns, strict=True)))
             for first, columns in self._unsaved
         )
 
     def append(self, first: int, columns: Mapping[str, ArrayLike]) -> Irregularity | None:
-        """Write the samples of a chunk, in SI units by channel, behind those before.
+        """Write the samples of a chunk, in SI units by channel, after the previous ones.
 
-        `first` is the number of the first of them, counted from the start of the run. Where it does
-        not follow the chunk before, the gap or overlap is returned, and kept in the stream and in
+        `first` is the number of the first sample, counted from the start of the run. If it does not
+        follow the previous chunk, the gap or overlap is returned, and noted in the stream and in
         `irregularities`.
 
         Raises
         ------
         RecordError
             The columns are not those of the run, or the writer is closed; nothing is written.
-            Or the disk is full, or fails: once. What was written stays readable, this chunk and
-            those that follow are kept in `unsaved`.
+            Or, once, the disk is full or fails. Written samples remain readable; this chunk and the
+            following ones are kept in `unsaved`.
         """
         if self._state == "closed":
-            raise RecordError(f"'{self.path}' is closed: nothing can be added to it")
+            raise RecordError(f"'{self.path}' is closed: no samples can be added")
         values = _checked(self._names, first, columns)
         if values[0].size == 0:
             return None
@@ -145,7 +146,7 @@ class RunWriter:
         return irregularity
 
     def sync(self) -> None:
-        """Force what was appended to the disk; where that fails, it is kept in `unsaved`."""
+        """Force appended samples to the disk; if this fails, they are kept in `unsaved`."""
         if self._state == "open":
             try:
                 self._sync()
@@ -153,17 +154,17 @@ class RunWriter:
                 self._fail(error, None)
 
     def close(self) -> Path:
-        """End the stream, turn it into an HDF5 file beside it, and remove the stream.
+        """End the stream, convert it to an HDF5 file of the same name, and remove the stream.
 
-        The stream is removed only when every sample was read back from the HDF5 file and is the
-        same, bit by bit; it stays where samples were given twice, as the file holds them once, and
-        where there are fewer than two samples or the file cannot be written: `recover` reads it.
-        `flexstage.records.read_record` reads the file, which is returned.
+        The stream is removed only if every sample was read back from the HDF5 file and is identical
+        bit by bit. It remains if samples were received twice, since the file contains them once,
+        and if there are fewer than two samples or the file cannot be written: `recover` reads it.
+        The file is returned; `flexstage.records.read_record` reads it.
 
         Validity
         --------
-        The file is forced to the disk, but what is read back may come from the system's memory: a
-        disk that keeps other bytes than it was given is found later, by the hash of the catalogue.
+        The file is forced to the disk, but the comparison may read from the system's memory. The
+        hash in the catalogue detects a disk that stores wrong bytes.
         """
         from flexstage.instruments.recording.archive import archived
 
@@ -171,14 +172,14 @@ class RunWriter:
         if self._state == "closed":
             if target.exists():
                 return target
-            raise RecordError(f"'{self.path}' was left as a stream: read it with recover")
+            raise RecordError(f"'{self.path}' is still a stream: read it with recover")
         if self._state == "failed":
             self._retry()
         self._finish()
         if self._file.at.samples < 2:
             raise RecordError(
                 f"the run has {self._file.at.samples} samples, and a record needs two: the stream "
-                f"'{self.path}' stays"
+                f"'{self.path}' is kept"
             )
         archived(self.path, target)
         if not any(i.kind == "overlap" for i in self._irregular):
@@ -186,7 +187,7 @@ class RunWriter:
         return target
 
     def leave(self) -> None:
-        """Close the stream as it is, without its end: what `recover` finds is all that there is."""
+        """Close the stream without an end frame; `recover` reads its samples."""
         if self._state != "closed":
             if self._state == "open":
                 with contextlib.suppress(OSError):
@@ -213,17 +214,17 @@ class RunWriter:
                 self.leave()
 
     def _compared(self, first: int, count: int) -> Irregularity | None:
-        """Note whether a chunk follows the ones before, and count it."""
-        found = None
+        """Return and note a gap or overlap with the previous chunks, and count the samples."""
+        irregularity = None
         if first > self._next:
-            found = Irregularity(kind="gap", first=self._next, count=first - self._next)
+            irregularity = Irregularity(kind="gap", first=self._next, count=first - self._next)
         elif first < self._next:
             again = min(count, self._next - first)
-            found = Irregularity(kind="overlap", first=int(first), count=int(again))
-        if found is not None:
-            self._irregular.append(found)
+            irregularity = Irregularity(kind="overlap", first=int(first), count=int(again))
+        if irregularity is not None:
+            self._irregular.append(irregularity)
         self._next = max(self._next, int(first) + count)
-        return found
+        return irregularity
 
     def _write_chunk(self, first: int, columns: list[Array]) -> None:
         self._file.append(SAMPLES, first, columns)
@@ -243,25 +244,25 @@ class RunWriter:
         self._synced_at = self._clock()
 
     def _fail(self, error: OSError, chunk: _Chunk | None) -> None:
-        """Keep in memory what is not on disk, cut off the frame that is not whole, and tell."""
+        """Keep unsaved samples in memory, cut off the incomplete frame, and raise the error."""
         self._state = "failed"
         self._file.cut()
         try:
             self._sync()
         except OSError:
             if self._sync_after is None:
-                self._file.trust()  # nothing was kept that could be written again
+                self._file.trust()  # no samples were kept that could be written again
         self._unsaved += self._unsynced
         self._unsynced = []
         if chunk is not None:
             self._unsaved.append(chunk)
         raise RecordError(
-            f"'{self.path}' cannot be written on: {error.strerror or error}; its first "
-            f"{self._file.safe.samples} samples are safe, those that follow are in memory only"
+            f"writing to '{self.path}' failed: {error.strerror or error}; its first "
+            f"{self._file.safe.samples} samples are safe, the following ones are only in memory"
         ) from error
 
     def _retry(self) -> None:
-        """Write once more, from the last sync on: there may be room by now."""
+        """Write again from the last sync: the disk may have space by now."""
         try:
             self._file.back()
             for first, columns in self._unsaved:
@@ -271,8 +272,8 @@ class RunWriter:
             self._file.cut()
             safe = self._file.safe.samples
             raise RecordError(
-                f"'{self.path}' still cannot be written on: {error.strerror or error}; its first "
-                f"{safe} samples are safe, those that follow are in memory only (unsaved)"
+                f"writing to '{self.path}' still fails: {error.strerror or error}; its first "
+                f"{safe} samples are safe, the following ones are only in memory (unsaved)"
             ) from error
         self._unsaved.clear()
         self._state = "open"
@@ -288,11 +289,13 @@ class RunWriter:
 
 
 def _checked(names: Sequence[str], first: int, columns: Mapping[str, ArrayLike]) -> list[Array]:
-    """Return a copy of the samples of each channel, in the order of the run, if they fit to it."""
-    whole = isinstance(first, (int, np.integer)) and not isinstance(first, bool)
-    # times are doubles, which count no further
-    if not whole or not 0 <= first < 2**53:
-        raise RecordError(f"the first sample must be a whole number from 0, got {first!r}")
+    """Return a copy of the samples of each channel, in the order of the run; refuse others."""
+    is_integer = isinstance(first, (int, np.integer)) and not isinstance(first, bool)
+    # times are doubles, whose integers are exact up to this
+    if not is_integer or not 0 <= first < 2**53:
+        raise RecordError(
+            f"the number of the first sample must be an integer from 0, got {first!r}"
+        )
     if set(columns) != set(names) or len(columns) != len(names):
         raise RecordError(
             f"a chunk must have the channels {', '.join(names)}, got "
@@ -303,14 +306,14 @@ def _checked(names: Sequence[str], first: int, columns: Mapping[str, ArrayLike])
         v = np.asarray(columns[name])
         if v.dtype.kind not in "buif" or v.ndim != 1:
             raise RecordError(
-                f"channel '{name}' must be a row of numbers, got {v.dtype} of shape {v.shape}"
+                f"channel '{name}' must be an array of numbers, got {v.dtype} of shape {v.shape}"
             )
-        # a copy, as a chunk may wait in memory while the caller fills the array anew
+        # a copy, since a chunk may stay in memory while the caller reuses the array
         values.append(np.array(v, dtype="<f8", order="C"))
     sizes = {v.size for v in values}
     if len(sizes) > 1:
         raise RecordError(
-            "the channels of a chunk must have equally many samples, got "
+            "the channels of a chunk must have the same number of samples, got "
             + ", ".join(f"{n}: {v.size}" for n, v in zip(names, values, strict=True))
         )
     return values

@@ -172,15 +172,15 @@ def draw_following(step: "VerifiedStep") -> "Figure":
             (
                 UM * run.reference[at],
                 UM * run.output[at],
-                _COLOURS[run.way],
-                f"{run.way}, loop {_length(run.tracking.loop_width)}",
+                _COLOURS[run.mode],
+                f"{run.mode}, loop {_length(run.tracking.loop_width)}",
             )
             for run in step.runs
             for at in (thinned(0, run.time.size),)
         ),
     )
     set_title(loops, f"{step.axis}: {UM * step.stroke:.3g} µm at {step.rate_hz:g} Hz")
-    runs = [run for run in step.runs if run.way != "open loop"] or list(step.runs)
+    runs = [run for run in step.runs if run.mode != "open loop"] or list(step.runs)
     _over_time(errors, [_error(run) for run in runs], 1.25 + 0.15 * len(runs))
     errors.set_xlim(0.0, max(float(np.ptp(run.time)) for run in runs))
     errors.set(xlabel="time [s]", ylabel="reading − reference [nm]")
@@ -192,9 +192,9 @@ def draw_following(step: "VerifiedStep") -> "Figure":
 
 def _error(run: "FollowedRun") -> _Curve:
     at = thinned(0, run.time.size)
-    label = f"{run.way}: {_length(run.tracking.rms)} rms, {_length(run.tracking.largest)} at most"
+    label = f"{run.mode}: {_length(run.tracking.rms)} rms, {_length(run.tracking.largest)} at most"
     error = NM * (run.output - run.reference)[at]
-    return run.time[at] - run.time[0], error, _COLOURS[run.way], label
+    return run.time[at] - run.time[0], error, _COLOURS[run.mode], label
 
 
 def _trials(axes: "Axes", run: "FollowedRun") -> None:

@@ -257,7 +257,9 @@ def run_command(
     stream = _stream(folder, "waveform")
     metadata = about.metadata(device, "waveform", axis)
     try:
-        command.record(device, signals_of(device, axis), rate_hz, stream, metadata, parked=False)
+        command.record(
+            device, signals_of(device, axis), rate_hz, stream, metadata, others_to_rest=False
+        )
     finally:
         notes = _save_record(stream)
     return _record_outcome(stream, axis, notes)
@@ -289,7 +291,7 @@ def run_plan_file(
         stage=about.stage,
         title=path.stem,
         catalogue=default_catalogue(),
-        held=lock_name,
+        locked_as=lock_name,
     )
     write_whole(run_folder / "report.html", run_text(result).encode("utf-8"))
     return RunOutcome(

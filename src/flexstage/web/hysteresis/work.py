@@ -253,7 +253,7 @@ def default_motion(
 
 
 def _repeated(motion: DesiredMotion) -> tuple[Array, float, tuple[str, ...]]:
-    from flexstage.control.trajectory_shapes import sine, triangle
+    from flexstage.control.trajectory import sine, triangle
 
     shape = sine if motion.shape == "sine" else triangle
     values = (motion.centre, motion.amplitude, motion.rate_hz, motion.sample_rate_hz)

@@ -1,4 +1,4 @@
-"""A stage that is simulated: a controller by its address in this process, or a record played."""
+"""Simulated stages: a controller by its address in this process, or the playback of a record."""
 
 import threading
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
 from flexstage.instruments.pi.simulated.controller import VirtualController
-from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN
+from flexstage.instruments.pi.simulated.gcs_state import GENERIC, MODELS
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import STOP, ServerSession
 from flexstage.instruments.protocol import Waveform
@@ -29,7 +29,7 @@ from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 
 _OPTIONS = ("seed", "model", "servo_rate", "amplifier", "fast", "scatter", "quiet", "serial_number")
-#: Lines that a simulation takes are longer than those of a controller.
+#: Line limit of a simulated controller, longer than that of a real one.
 _LONG_LINES = 16384
 _LONGEST_WAIT = 60.0
 
@@ -37,25 +37,25 @@ _LONGEST_WAIT = 60.0
 def open_twin(
     address: str, stage: Stage | None, *, axes: Mapping[str, str] | None, timeout: float | None
 ) -> PiController:
-    """Connect to a controller that is simulated here: ``twin://NAME?seed=3&model=lumped``."""
+    """Connect to a simulated controller in this process: ``twin://NAME?seed=3&model=lumped``."""
     parts = urlsplit(address.strip())
     options = options_of(address, parts, _OPTIONS)
     name = parts.netloc + parts.path
     if stage is None:
         if not name:
             raise ModelError(
-                f"'{address}' names no stage: write twin://vgtu-piezo, or give the stage"
+                f"'{address}' has no name of a stage: write twin://vgtu-piezo, or give the stage"
             )
         stage = design(name)
     elif name not in ("", stage.name):
         raise ModelError(
-            f"'{address}' is a twin of '{name}', and the stage is '{stage.name}': leave the name "
-            "out, as in twin://?seed=3"
+            f"'{address}' is a twin of '{name}', and the stage is '{stage.name}': omit the name, "
+            "as in twin://?seed=3"
         )
     silence = longest_silence(timeout, _LONGEST_WAIT)
     request = TwinRequest(
         seed=whole_number(options, "seed", 0, address),
-        **_asked(options, ("model", "servo_rate", "amplifier"), address),
+        **_request_options(options, ("model", "servo_rate", "amplifier"), address),
         fast=flag(options, "fast", True, address),
         identity="flexstage",
         serial_number=options.get("serial_number", ""),
@@ -73,23 +73,25 @@ def open_twin(
     return PiController.open(link, stage, axes=axes, timeout=silence, transfer=transfer)
 
 
-def _asked(options: Mapping[str, str], names: tuple[str, ...], address: str) -> dict[str, Any]:
-    """Return options of an address that are written as those of a twin."""
-    asked = {}
+def _request_options(
+    options: Mapping[str, str], names: tuple[str, ...], address: str
+) -> dict[str, Any]:
+    """Return the options of an address that are options of a twin."""
+    values = {}
     for name in (name for name in names if name in options):
         try:
-            asked[name] = request_fields(TwinRequest)[name].read(options[name])
+            values[name] = request_fields(TwinRequest)[name].read(options[name])
         except FlexstageError as error:
             raise ModelError(f"'{name}' of '{address}': {error}") from None
-    return asked
+    return values
 
 
 def simulated_controller(
     stage: Stage, request: TwinRequest, *, quiet: bool = False, scatter: bool = True
 ) -> Interpreter:
-    """Return the controller that is asked for; its time stands still until its pace is started."""
+    """Return the requested controller; its time does not pass until its pace is started."""
     _require_names(request.axes, len(stage.axes))
-    made = virtual_stage(
+    stage_in_time = virtual_stage(
         stage,
         model=request.model,
         seed=request.seed,
@@ -98,34 +100,34 @@ def simulated_controller(
         quiet=quiet,
         scatter=scatter,
     )
-    identity = request.identity or ("C-884" if made.kind == "screw" else "E-727")
+    identity = request.identity or ("C-884" if stage_in_time.kind == "screw" else "E-727")
     serial_number = request.serial_number or f"twin-{request.seed}"
-    device = VirtualController(made, serial_number=serial_number, names=request.axes)
+    device = VirtualController(stage_in_time, serial_number=serial_number, names=request.axes)
     return Interpreter(
         device,
         FastTime(device) if request.fast else Pacemaker(device),
-        model=MODELS.get(identity, OWN),
+        model=MODELS.get(identity, GENERIC),
         hold=request.hold_control,
     )
 
 
-def _require_names(given: tuple[str, ...], axes: int) -> None:
-    named = [*given, *(str(i) for i in range(len(given) + 1, axes + 1))]
-    plain = all(n.isascii() and n.isalnum() and len(n) <= 8 for n in named)
-    if len(set(named)) != axes or not plain:
+def _require_names(requested: tuple[str, ...], axes: int) -> None:
+    names = [*requested, *(str(i) for i in range(len(requested) + 1, axes + 1))]
+    plain = all(n.isascii() and n.isalnum() and len(n) <= 8 for n in names)
+    if len(set(names)) != axes or not plain:
         raise ModelError(
-            f"--axes must be {axes} or fewer different names of 1 to 8 letters or digits, such as "
-            f"X,Y, got '{','.join(given)[:40]}'"
+            f"--axes must be at most {axes} different names of 1 to 8 letters or digits, such as "
+            f"X,Y, got '{','.join(requested)[:40]}'"
         )
 
 
 def played(stage: Stage, file: Path, axis: str | None, request: TwinRequest) -> Record:
-    """Return what a stage does under the voltage of a record; refuse what exceeds its limits."""
+    """Return the response of a stage to the voltage of a record; refuse it beyond the limits."""
     name = stage.axis(axis).name if axis else stage.axes[0].name
     ((driven,), _, _) = default_drive_columns(file, ((), ("none",)), ReadOptions())
     (record,) = read_files([file], [driven], even=True)
     rate, values = record.sample_rate_hz, record.channel(driven).values
-    made = virtual_stage(
+    stage_in_time = virtual_stage(
         stage,
         model=request.model,
         seed=request.seed,
@@ -134,22 +136,22 @@ def played(stage: Stage, file: Path, axis: str | None, request: TwinRequest) -> 
     )
     waveform = Waveform(values={name: values}, sample_rate_hz=rate, quantity="voltage")
     try:
-        check_waveform(made.limits, waveform)
+        check_waveform(stage_in_time.limits, waveform)
     except LimitError as error:
         raise ModelError(f"'{file}': {error}") from error
-    return made.played(name, values, rate)
+    return stage_in_time.played(name, values, rate)
 
 
 class Loopback:
-    """Takes what a client sends, and has the answer ready at once.
+    """Session in memory, which answers immediately.
 
-    Any thread may send; a stop (character 24) does not wait for what another thread does. With
-    `ends_time` the clock of the controller ends with the conversation.
+    Any thread may send; a stop (character 24) does not wait for other threads. With `ends_time` the
+    clock of the controller ends with the session.
     """
 
     def __init__(self, interpreter: Interpreter, *, ends_time: bool = False) -> None:
         self._interpreter, self._ends_time = interpreter, ends_time
-        #: Where it leads.
+        #: Name of the controller.
         self.name = interpreter.device.identity.model
         self._session = ServerSession(interpreter)
         self._answers = bytearray()
@@ -157,7 +159,7 @@ class Loopback:
         self._closed = False
 
     def send(self, data: bytes) -> None:
-        """Send bytes; they are carried out before this returns."""
+        """Send bytes; the commands are carried out before this returns."""
         self._open()
         if STOP in data:
             self._session.stop()
@@ -165,18 +167,18 @@ class Loopback:
             self._answers += self._session.feed(data)
 
     def receive(self, timeout: float = 0.0) -> bytes:
-        """Return what the controller has said; nothing is waited for, since it is said already."""
+        """Return the answers so far, without waiting."""
         self._open()
         with self._lock:
-            said, self._answers = bytes(self._answers), bytearray()
-        return said
+            answers, self._answers = bytes(self._answers), bytearray()
+        return answers
 
     def another(self) -> "Loopback":
-        """Open a second conversation with the same controller."""
+        """Open a second session with the same controller."""
         return Loopback(self._interpreter)
 
     def close(self) -> None:
-        """End the conversation; calling it again changes nothing."""
+        """End the session; repeated calls have no effect."""
         if not self._closed:
             self._closed = True
             self._session.close()
@@ -185,4 +187,4 @@ class Loopback:
 
     def _open(self) -> None:
         if self._closed:
-            raise NotConnectedError("the conversation with the simulated controller was closed")
+            raise NotConnectedError("the session with the simulated controller was closed")

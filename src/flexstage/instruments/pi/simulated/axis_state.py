@@ -1,7 +1,4 @@
-"""One axis of a simulated controller: what it is commanded sample by sample, where it stands.
-
-And what is looked at before the first sample of a waveform: values, slopes, and how it begins.
-"""
+"""State of an axis of a simulated controller, its commands sample by sample, and their checks."""
 
 import math
 from dataclasses import dataclass
@@ -17,20 +14,20 @@ from flexstage.instruments.pi.simulated.device import (
 )
 from flexstage.instruments.pi.simulated.tables import WaveRun
 
-#: Time constant with which the reading is smoothed before it is compared with the target [s].
+#: Time constant of the smoothing of the reading before the comparison with the target [s].
 _SMOOTHING = 1e-3
-#: A full travel takes this long as delivered [s].
+#: Time of a full travel at the default speed [s].
 _TRAVEL_TIME = 0.1
-#: A full range of a drive whose fastest change is not known [s].
+#: Time of a full range of a drive whose slew limit is unknown [s].
 _RANGE_TIME = 10e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ramp:
-    """A straight line from a value to another, then the other for ever.
+    """A linear ramp from one value to another, which is constant afterwards.
 
-    Every sample has a closed form in its number, so that it does not matter in which portions they
-    are computed.
+    Every sample has a closed form in its number, so that the samples do not depend on the blocks in
+    which they are computed.
 
     Examples
     --------
@@ -39,17 +36,17 @@ class Ramp:
     """
 
     first: int
-    """Number of the sample with which it begins; that sample has made the first step already."""
+    """Number of its first sample, which is one step from the start."""
     start: float
     """Value before its first step [m, or V]."""
     end: float
-    """Value that it leads to [m, or V]."""
+    """Final value [m, or V]."""
     step: float
     """Largest change from one sample to the next [m, or V]."""
 
     @classmethod
     def hold(cls, value: float) -> "Ramp":
-        """Return a ramp that has ended long ago."""
+        """Return a constant value, as a completed ramp."""
         return cls(first=0, start=value, end=value, step=math.inf)
 
     @property
@@ -57,7 +54,7 @@ class Ramp:
         """Number of the first sample at the end."""
         steps = abs(self.end - self.start) / self.step
         count = math.ceil(steps)
-        # the quotient is rounded: go by what the samples say
+        # the quotient is rounded: correct it by the samples
         while count and (count - 1) * self.step >= abs(self.end - self.start):
             count -= 1
         while count * self.step < abs(self.end - self.start):
@@ -81,10 +78,10 @@ class Ramp:
 
 
 class AxisState:
-    """What a controller knows of one of its axes.
+    """State of an axis in the controller.
 
-    Commands and what they lead to are positions [m] under control, else voltages [V]; samples are
-    numbered as those of the loop. `index` is its place among the axes, from 0.
+    Commands are positions [m] under control, and voltages [V] in open loop; samples are numbered as
+    those of the loop. `index` is the index of the axis, from 0.
     """
 
     def __init__(self, description: AxisDescription, index: int, rate_hz: float) -> None:
@@ -96,15 +93,17 @@ class AxisState:
         self.reset()
 
     def reset(self) -> None:
-        """Return to what it is when it is switched on."""
+        """Restore the state after power-on."""
         self.servo = self.screw
         self.ramp = Ramp.hold(0.0)
         self.wave: WaveRun | None = None
         self.speed = self._first_speed()
-        self.target = 0.0  # position that was commanded last
-        self.voltage_command = 0.0  # voltage that was commanded last
+        self.target = 0.0  # last commanded position
+        self.voltage_command = 0.0  # last commanded voltage
         self.reading = 0.0
-        self.volts = self.asked = 0.0  # voltage at the drive, and what its amplifier is told
+        self.volts = self.amplifier_input = (
+            0.0  # voltage at the drive, and command of its amplifier
+        )
         self._smooth, self._inside = 0.0, 0
 
     @property
@@ -116,7 +115,7 @@ class AxisState:
     def largest_speed(self) -> float:
         """Largest speed of moves and waveforms [m/s].
 
-        Where the limits name none: what the largest slew of the voltage gives on average.
+        Without a limit of speed, the mean speed at the largest slew of the voltage.
         """
         limits = self.description.limits
         if limits.speed is not None:
@@ -125,13 +124,13 @@ class AxisState:
 
     @property
     def largest_slew(self) -> float:
-        """Largest rate of the voltage [V/s]; the full range in 10 ms where the limits name none."""
+        """Largest rate of the voltage [V/s]; the full range in 10 ms where there is no limit."""
         limits = self.description.limits
         return _span(limits.voltage, 100.0) / _RANGE_TIME if limits.slew is None else limits.slew
 
     @property
     def largest_rate(self) -> float:
-        """Largest rate of what a waveform commands at present [m/s, or V/s]."""
+        """Largest rate of a waveform in the present mode [m/s, or V/s]."""
         return self.largest_speed if self.servo else self.largest_slew
 
     def _first_speed(self) -> float:
@@ -140,59 +139,59 @@ class AxisState:
         return min(self.largest_speed, _span(self.description.limits.position, 1e-4) / _TRAVEL_TIME)
 
     def present(self, sample: int) -> float:
-        """Return what is commanded at a sample: a position under control, else a voltage."""
+        """Return the command at a sample: a position under control, else a voltage."""
         begun = self.wave is not None and sample >= self.wave.first
         source = self.wave if self.wave is not None and begun else self.ramp
         return float(source.values(sample, 1)[0])
 
     def moving(self, sample: int) -> bool:
-        """Say whether a command or a waveform still moves it."""
+        """Return whether a command or a waveform still moves it."""
         return self.wave is not None or sample < self.ramp.last
 
     def settled(self, sample: int) -> bool:
-        """Say whether it has come to where it was sent, and under control stays near it."""
+        """Return whether it has reached its target, and under control stays near it."""
         if self.moving(sample):
             return False
         return not self.servo or self._inside >= self._settle
 
     def go(self, value: float, sample: int, rate: float) -> None:
-        """Lead the commanded value to another one, at a rate [m/s, or V/s]."""
+        """Start a ramp of the command to a value, at a rate [m/s, or V/s]."""
         here = self.present(sample)
         self.ramp = Ramp(first=sample + 1, start=here, end=value, step=rate * self.period)
         self._inside = 0
         self._note(value)
 
     def hold(self, value: float) -> None:
-        """Command a value from the next sample on, and end what moves the axis."""
+        """Command a constant value from the next sample, and end any motion."""
         self.wave = None
         self.ramp = Ramp.hold(value)
         self._inside = 0
         self._note(value)
 
     def run(self, wave: WaveRun, sample: int) -> None:
-        """Follow a waveform from its first sample on."""
+        """Follow a waveform from its first sample."""
         self.ramp = Ramp.hold(self.present(sample))
         self.wave = wave
         self._inside = 0
 
     def stop(self, sample: int) -> None:
-        """Hold where the axis is: the present reading under control, else the present command."""
+        """Hold the present reading under control, else the present command."""
         self.hold(self.reading if self.servo and not self.screw else self.present(sample))
 
     def switch(self, on: bool) -> None:
-        """Switch control on, to hold what is read, or off, to hold the voltage."""
+        """Switch control on, holding the present reading, or off, holding the voltage."""
         self.servo = on
         self._smooth = self.reading
-        self.hold(self.reading if on else self.asked)
+        self.hold(self.reading if on else self.amplifier_input)
 
     def fill(self, first: int, command: Array, feedforward: Array) -> None:
-        """Write what is commanded over the next samples; feedforward [V] is NaN for none."""
+        """Write the commands of the next samples; feedforward [V] is NaN for none."""
         source = self.ramp if self.wave is None else self.wave
         command[:] = source.values(first, command.size)
         feedforward[:] = np.nan if self.wave is None else self.wave.voltages(first, command.size)
 
     def take(self, last: int, command: Array, reading: Array) -> None:
-        """Take note of where the stage is, by what was commanded and its own sensor [m]."""
+        """Update the state from the commands and readings of a block [m]."""
         self.reading = float(reading[-1])
         if self.servo:
             share = 1.0 if self.screw else self._share
@@ -219,24 +218,24 @@ def _span(bounds: tuple[float, float] | None, unknown: float) -> float:
 def _settle(
     command: Array, reading: Array, window: float, share: float, smooth: float, inside: int
 ) -> tuple[float, int]:
-    """Smooth the reading by a first-order lag, and count the samples near what is commanded."""
+    """Smooth the reading by a first-order lag, and count the samples near the command."""
     for k in range(command.size):
         smooth += share * (reading[k] - smooth)
         inside = inside + 1 if abs(smooth - command[k]) <= window else 0
     return smooth, inside
 
 
-#: Texts are rounded: a value may pass the end of a range by this part of the range, and is then
-#: taken as the end; a slope may pass its limit by this part.
+#: Tolerances for rounded texts: of a value, over its range, which is then clipped to the end of the
+#: range; and of a slope, over its limit.
 _VALUE, _SLOPE = 1e-6, 1e-3
 
 
 def require_within(
     values: Array, bounds: tuple[float, float] | None, reason: Refusal = Refusal.OUT_OF_LIMITS
 ) -> Array:
-    """Refuse values [m, or V] outside a range; return them, led to its ends where rounding missed.
+    """Refuse values [m, or V] outside a range; return them, clipped where rounding exceeds it.
 
-    Nothing is refused where the range is not known.
+    An unknown range has no limits.
     """
     require(np.isfinite(values).all(), Refusal.BAD_VALUE)
     if bounds is None:
@@ -256,13 +255,13 @@ def check_wave(
     *,
     shift: float = 0.0,
 ) -> Array:
-    """Check a waveform whole, and return what is to be run [m, or V].
+    """Check a complete waveform, and return its samples [m, or V].
 
-    It runs `cycles` times, `divider` samples of the loop for one of the table, from where the axis
-    stands at present; each cycle begins by `shift` further than the one before [m, or V].
+    It runs `cycles` times, with `divider` samples of the loop for one of the table, from the
+    present value of the axis; each cycle starts `shift` beyond the previous one [m, or V].
 
-    A step between samples of the table takes the time of one of them, that from where the axis
-    stands to the first of them one sample of the loop, however slow the table is.
+    A step between samples of the table takes the time of one of them. The step from the present
+    value to the first sample takes one sample of the loop, however slow the table is.
     """
     limits = state.description.limits
     bounds = limits.position if state.servo else limits.voltage
@@ -271,7 +270,7 @@ def check_wave(
     if shift:
         require_within(samples + shift * (cycles - 1), bounds)
     largest = state.largest_rate * state.period
-    joined = cycles if not shift else 1  # a cycle begins where the one before has ended
+    joined = cycles if not shift else 1  # a cycle starts where the previous one has ended
     _check_steps(samples, joined, largest * divider)
     require(abs(samples[0] - present) <= largest * (1.0 + _SLOPE), Refusal.OUT_OF_LIMITS)
     return samples
@@ -280,7 +279,7 @@ def check_wave(
 def check_feedforward(
     state: AxisState, voltages: Array, size: int, cycles: int, divider: int
 ) -> Array:
-    """Check the voltages [V] beside a waveform of positions, of as many samples."""
+    """Check the feedforward voltages [V] of a waveform of positions, with the same size."""
     require(state.servo, Refusal.SERVO_OFF)
     require(voltages.size == size, Refusal.BAD_VALUE)
     voltages = require_within(voltages, state.description.limits.voltage)

@@ -1,7 +1,7 @@
-"""How simulated time passes beside a conversation: in step with real time, or as fast as it can.
+"""Pace of simulated time during a session: real time, or as fast as possible.
 
-A server holds `Pace.lock` while it carries out a command, and says before each one, with the lock
-held, whether it is a question that a client repeats while it waits.
+A server holds `Pace.lock` while it carries out a command. Before each command, with the lock held,
+it states whether the command is a question that clients repeat while they wait.
 """
 
 import math
@@ -14,73 +14,73 @@ from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.controller_core import duration
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError
 
-#: Simulated time of one command of a fast conversation [s].
+#: Simulated time of one command in fast time [s].
 _COMMAND = 1e-3
-#: Steps in which a fast conversation looks whether something happened [s], and when it gives up.
+#: Interval in which fast time checks for changes, and its longest advance for a question [s].
 _LOOK, _PATIENCE = 5e-3, 0.25
-#: Longest time for which the lock is held at once [s of simulated time], and the pause after it.
+#: Longest simulated time with the lock held, and the pause after it [s].
 _PIECE, _BREATH = 20e-3, 1e-4
 
 
 class Clock:
-    """The clock of the computer, which is never set back."""
+    """The monotonic clock of the computer."""
 
     def now(self) -> float:
-        """Return the time from some moment on [s]."""
+        """Return the time since an arbitrary origin [s]."""
         return time.monotonic()
 
     def wait(self, seconds: float, ended: threading.Event) -> bool:
-        """Wait some time, or until an event is set."""
+        """Wait for a time, or until an event is set."""
         return ended.wait(seconds)
 
 
 class Pace:
-    """Lets the simulated time of a device pass."""
+    """Pace of the simulated time of a device."""
 
     fast: ClassVar[bool]
-    """Whether simulated time passes only with commands, and as fast as it can be computed."""
+    """Whether simulated time advances by commands only, as fast as it can be computed."""
 
     def __init__(self, device: VirtualController) -> None:
         self._device = device
         #: Held while the device is used.
         self.lock = threading.RLock()
-        #: Real time that has been left out because the computer was too slow [s].
+        #: Real time that was skipped because the computer was too slow [s].
         self.lost = 0.0
 
     def start(self) -> None:
-        """Begin; calling it again changes nothing."""
+        """Start; repeated calls have no effect."""
 
     def before_command(self, poll: bool = False) -> None:
-        """Bring the device to the moment of a command; the lock is held.
+        """Advance the device to the time of a command; the lock is held.
 
-        It is a `poll` where it asks about motion, waveforms or the recorder, as a client does again
-        and again while it waits.
+        A `poll` is a question about motion, waveforms or the recorder, which clients repeat while
+        they wait.
         """
         raise NotImplementedError
 
     def before_error(self) -> None:
-        """Let a question for the error of a command come, which sees nothing of the device."""
+        """Account for a question for the error of a command, which does not use the device."""
         self.before_command()
 
     def pass_time(self, seconds: float) -> None:
-        """Let simulated time pass because a client wants to wait; only where it is fast."""
+        """Let simulated time pass for a client that waits; only in fast time."""
         raise NotImplementedError
 
     def close(self) -> None:
-        """End; calling it again changes nothing."""
+        """End; repeated calls have no effect."""
 
 
 class Pacemaker(Pace):
-    """Keeps the simulated time of a device in step with real time, in a thread.
+    """Real time: a thread keeps the simulated time of a device synchronous with real time.
 
-    It looks at the clock every `tick` [s]. Where the computer was too slow, it makes up for
-    `catch_up` [s] at most; what is beyond that is left out, and counted in `lost`.
+    It checks the clock every `tick` [s]. If the computer was too slow, it catches up at most
+    `catch_up` [s]; longer times are skipped, and counted in `lost`.
 
     Notes
     -----
-    A command acts at its own moment and not at a tick: the device is brought up to date before it.
-    The lock is let go after each 20 ms of simulated time, and a command leads on by no more, so
-    that on a computer that is too slow a command to stop still acts at once.
+    A command acts at its own time, not at a tick: the device is advanced before it. The lock is
+    released after each 20 ms of simulated time, and a command advances by no more, so that even on
+    a slow computer a stop acts immediately.
     """
 
     fast = False
@@ -95,7 +95,7 @@ class Pacemaker(Pace):
     ) -> None:
         if not (0.0 < tick < math.inf and tick <= catch_up < math.inf):
             raise ModelError(
-                "a pacemaker needs a positive tick and a time to catch up that is no shorter, got "
+                "a pacemaker needs a positive tick and a catch-up time that is not shorter, got "
                 f"{tick!r} and {catch_up!r} s"
             )
         super().__init__(device)
@@ -105,29 +105,29 @@ class Pacemaker(Pace):
         self._thread: threading.Thread | None = None
         self._last: float | None = None
         self._failure: BaseException | None = None
-        #: Looks at the clock that found more than two ticks to make up for.
+        #: Number of checks that were more than two ticks late.
         self.late = 0
 
     def start(self) -> None:
         with self.lock:
             if self._ended.is_set():
-                raise ModelError("a pacemaker that was closed cannot start again: make another one")
+                raise ModelError("a closed pacemaker cannot start again: create another one")
             if self._thread is None:
                 self._last = self._clock.now()
                 self._thread = threading.Thread(target=self._run, name="pacemaker", daemon=True)
                 self._thread.start()
 
     def before_command(self, poll: bool = False) -> None:
-        """Bring the device up to now."""
+        """Advance the device to the present time."""
         if self._failure is not None:
             raise ControllerError(
-                f"the simulation of the stage has broken down ({self._failure}): start it again"
+                f"the simulation of the stage has failed ({self._failure}): restart it"
             ) from self._failure
         with self.lock:
             self._piece()
 
     def pass_time(self, seconds: float) -> None:
-        """Refuse: real time cannot be made to pass."""
+        """Refuse: real time cannot be advanced."""
         raise RefusedError(Refusal.NOT_ABLE)
 
     def close(self) -> None:
@@ -143,14 +143,14 @@ class Pacemaker(Pace):
                         more = self._piece()
                     if not more:
                         break
-                    # a lock that is let go and taken at once seldom comes to another thread
+                    # other threads rarely acquire a lock that is released only for an instant
                     self._ended.wait(_BREATH)
         except BaseException as error:
             self._failure = error
             raise
 
     def _piece(self) -> bool:
-        """Advance by what is due, at most one piece; say whether more is due."""
+        """Advance by the due time, at most one piece; return whether more time is due."""
         if self._last is None or self._ended.is_set():
             return False
         due = self._clock.now() - self._last
@@ -169,19 +169,19 @@ class Pacemaker(Pace):
 
 
 class FastTime(Pace):
-    """Lets simulated time pass with the commands of a conversation, so that nobody waits for it.
+    """Fast time: simulated time advances by the commands of a session, without waiting.
 
-    Each command takes 1 ms. A question that a client repeats while it waits leads on to the next
-    change of what it asks for, and at most 0.25 s: a motion that takes a minute is answered for
-    after 240 questions. The same conversation always gives the same numbers, whatever the computer.
+    Each command takes 1 ms. A repeated question advances to the next change of its answer, and at
+    most 0.25 s: a motion of one minute needs 240 questions. The same session always gives the same
+    numbers, on any computer.
 
     Notes
     -----
-    With several clients the numbers depend on the order in which their commands come.
+    With several clients the numbers depend on the order of their commands.
     """
 
     fast = True
-    #: Time of questions that saw nothing of the device: it passes with the next command [s].
+    #: Time of questions that did not use the device, which passes with the next command [s].
     _owed = 0.0
 
     def before_command(self, poll: bool = False) -> None:
@@ -207,12 +207,12 @@ class FastTime(Pace):
             self._advance(duration(seconds))
 
     def _advance(self, seconds: float) -> None:
-        """Let time pass, after that which is owed."""
+        """Let time pass, including the owed time."""
         owed, self._owed = self._owed, 0.0
         self._device.advance(owed + seconds)
 
     def _state(self) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
-        """Return what goes on, first whatever will end by itself, then where axes stand."""
+        """Return the processes that will end by themselves, then the on-target states."""
         device = self._device
         arrived = tuple(device.on_target(axis) for axis in device.axes)
         waves = tuple(device.wave_running(axis) for axis in device.axes)

@@ -1,7 +1,7 @@
-"""Words of the command set: what one takes, how that is read, and how it is answered.
+"""Commands of the command set: their arguments, and the form of their answers.
 
-A word is a row of a table. What it takes is written as ``HLP?`` lists it, and read by that text: in
-braces what may be repeated, in brackets what may be left out, and each argument by its name.
+A command is a row of a table. Its arguments are written as ``HLP?`` lists them, and parsed by this
+text: braces for repeated arguments, brackets for optional ones, and each argument by its name.
 """
 
 import re
@@ -15,37 +15,37 @@ from flexstage.base.arrays import Array
 from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.pi.simulated.gcs_state import ControllerState
 
-#: Lines of an answer; pieces of text that are made after the command, as they are sent; or nothing.
+#: Lines of an answer; pieces of text that are generated as they are sent; or nothing.
 Reply = Sequence[str] | Iterator[str] | None
-#: Carries a command out, given the state and what was read of its arguments.
+#: Function of a command, of the state and the parsed arguments.
 Run = Callable[[ControllerState, Any], Reply]
 
 
 class Client(Protocol):
-    """What a command needs of the session that gives it."""
+    """The part of a session that commands use."""
 
-    #: Number that ``ERR?`` answers next.
+    #: Next answer to ``ERR?``.
     error: int
     #: Command level, 0 or 1.
     level: int
 
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
-_WHOLE = re.compile(r"[0-9]{1,10}")
+_INTEGER = re.compile(r"[0-9]{1,10}")
 _HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,8}")
-#: Nothing on a stage has a larger number, and sums and products of such are still finite.
+#: Largest accepted number; sums and products of such numbers are finite.
 LARGEST = 1e30
 
 
 def number(word: str) -> float:
-    """Return a number of 1e30 at most; what stands for none, ``nan`` and ``inf`` are refused.
+    """Return a number of at most 1e30; ``nan`` and ``inf`` are refused.
 
     Examples
     --------
     >>> number("-1.5e1")
     -15.0
     """
-    # no number of a client has more digits, and the time to read one grows with them
+    # longer numbers are refused, since the time to parse them grows with the length
     require(len(word) <= 64 and _NUMBER.fullmatch(word), Refusal.BAD_NUMBER)
     value = float(word)
     require(abs(value) <= LARGEST, Refusal.BAD_NUMBER)
@@ -53,13 +53,13 @@ def number(word: str) -> float:
 
 
 def unsigned(word: str) -> int:
-    """Return a whole number from 0."""
-    require(_WHOLE.fullmatch(word), Refusal.BAD_NUMBER)
+    """Return an integer from 0."""
+    require(_INTEGER.fullmatch(word), Refusal.BAD_NUMBER)
     return int(word)
 
 
 def unsigned_or_hex(word: str) -> int:
-    """Return a whole number from 0 in decimal or hexadecimal digits.
+    """Return an integer from 0 in decimal or hexadecimal digits.
 
     Examples
     --------
@@ -70,27 +70,27 @@ def unsigned_or_hex(word: str) -> int:
 
 
 def switch(word: str) -> bool:
-    """Return what 0 or 1 says."""
+    """Return the value of a switch, 0 or 1."""
     value = unsigned(word)
     require(value <= 1, Refusal.BAD_VALUE)
     return value == 1
 
 
 def within(value: int, known: range, reason: Refusal = Refusal.BAD_VALUE) -> int:
-    """Return a number; refuse one that there is not."""
+    """Return a number; refuse it outside its range."""
     require(value in known, reason)
     return value
 
 
 class Argument(NamedTuple):
-    """What stands for an argument in a line."""
+    """An argument of a command."""
 
     read: Callable[[ControllerState, str], Any]
-    """Returns its value, from the state and a word."""
+    """Parser of its value, of the state and a word."""
     all: Callable[[ControllerState], Iterable[Any]] = lambda _: ()
-    """What is meant where none is named."""
+    """Default values."""
     names: bool = False
-    """Whether it names what the words behind it are for: no order names one twice."""
+    """Whether it identifies the item of the following words; orders must not repeat it."""
 
 
 def _named(all_: Callable[[ControllerState], Mapping[str, Any]], unknown: Refusal) -> Argument:
@@ -110,7 +110,7 @@ def _number_as_said(_: ControllerState, word: str) -> str:
     return word
 
 
-def _whole(known: Callable[[ControllerState], range], reason: Refusal) -> Argument:
+def _integer(known: Callable[[ControllerState], range], reason: Refusal) -> Argument:
     return Argument(lambda state, word: within(unsigned(word), known(state), reason), known)
 
 
@@ -128,14 +128,14 @@ _ARGUMENTS = {
     "WaveGenID": _named(lambda s: s.generators, Refusal.UNKNOWN),
     "InputID": _CHANNELS._replace(all=lambda s: list(s.channels)[: s.model.inputs]),
     "InterfacePam": _named(lambda s: s.interface, Refusal.UNKNOWN_PARAMETER),
-    "RecTableID": _whole(lambda s: range(1, s.recorder.tables + 1), Refusal.UNKNOWN_RECORD_TABLE),
+    "RecTableID": _integer(lambda s: range(1, s.recorder.tables + 1), Refusal.UNKNOWN_RECORD_TABLE),
     # 0 is none
-    "WaveTableID": _whole(lambda s: range(s.device.wave_tables + 1), Refusal.UNKNOWN_WAVE_TABLE),
-    "PointNumber": _whole(lambda s: range(1, s.device.wave_capacity + 1), Refusal.BAD_VALUE),
-    "RecTableRate": _whole(lambda _: range(1, 10**10), Refusal.BAD_VALUE),
-    "RegisterID": _whole(lambda _: range(1, 2), Refusal.BAD_VALUE),
-    "TrigOutID": _whole(lambda _: _LINES, Refusal.BAD_VALUE),
-    "CTOPam": _whole(lambda _: _SETTINGS, Refusal.BAD_VALUE),
+    "WaveTableID": _integer(lambda s: range(s.device.wave_tables + 1), Refusal.UNKNOWN_WAVE_TABLE),
+    "PointNumber": _integer(lambda s: range(1, s.device.wave_capacity + 1), Refusal.BAD_VALUE),
+    "RecTableRate": _integer(lambda _: range(1, 10**10), Refusal.BAD_VALUE),
+    "RegisterID": _integer(lambda _: range(1, 2), Refusal.BAD_VALUE),
+    "TrigOutID": _integer(lambda _: _LINES, Refusal.BAD_VALUE),
+    "CTOPam": _integer(lambda _: _SETTINGS, Refusal.BAD_VALUE),
     "Value": Argument(_number_as_said),
     "LowValue": Argument(_lowest_voltage),
     "StartMode": Argument(lambda _, word: unsigned_or_hex(word)),
@@ -151,28 +151,27 @@ class GcsCommand:
     """A command."""
 
     name: str
-    """Its word."""
+    """Its name."""
     arguments: str
-    """Its arguments, as it is listed and read."""
+    """Its arguments, as they are listed and parsed."""
     text: str
-    """What it does, as it is listed."""
+    """Its description in the list."""
     run: Run
-    """Carries it out, given the state and what it takes: nothing for no argument, a list of one
-    argument that may be repeated, a dict of pairs of an order, else a list of tuples.
+    """Its function, of the state and the arguments: None for no argument, a list for one repeated
+    argument, a dict for the pairs of an order, else a list of tuples.
     """
     _: KW_ONLY
     changes: bool = False
-    """Whether it moves or changes something, and a client that holds control keeps it from others.
-    """
+    """Whether it moves or changes something, which a client with exclusive control reserves."""
     moves: bool = False
-    """Whether it can start a motion; one that was given before a stop is not carried out after."""
+    """Whether it can start a motion; after a stop, an earlier one is not carried out."""
     poll: bool = False
-    """Whether a client repeats it while it waits for a motion, a waveform or a record."""
+    """Whether clients repeat it while they wait for a motion, a waveform or a record."""
     free: bool = False
-    """Whether it reads its words itself, since they are of no regular form."""
+    """Whether it parses its words itself, since they have no regular form."""
 
     def carry_out(self, state: ControllerState, words: Sequence[str]) -> Reply:
-        """Read the words behind the name, refuse wrong ones, and do what they say."""
+        """Parse the arguments, refuse wrong ones, and run the command."""
         return self.run(state, words if self.free else self._read(state, words))
 
     def _read(self, state: ControllerState, words: Sequence[str]) -> Any:
@@ -199,7 +198,7 @@ class GcsCommand:
 
 
 def groups(words: Sequence[str], size: int, *, optional: bool = False) -> list[Sequence[str]]:
-    """Return words in groups; refuse a number of them that makes none."""
+    """Return words in groups; refuse an incomplete group."""
     require((words or optional) and not len(words) % size, Refusal.NUMBER_OF_PARAMETERS)
     return [words[i : i + size] for i in range(0, len(words), size)]
 
@@ -212,7 +211,7 @@ def question(
     *,
     poll: bool = False,
 ) -> GcsCommand:
-    """Return a command that tells something: of all that is named, or of the controller."""
+    """Return a question, about named items or about the controller."""
 
     def run(state: ControllerState, named: Any) -> Reply:
         if named is None:
@@ -230,7 +229,7 @@ def order(
     *,
     moves: bool = False,
 ) -> GcsCommand:
-    """Return a command that changes something, and answers nothing."""
+    """Return an order, a command that changes something without an answer."""
     return GcsCommand(name, arguments, text, run, changes=True, moves=moves)
 
 
@@ -246,13 +245,13 @@ def printed(value: float) -> str:
 
 
 def value_text(value: float | int | str) -> str:
-    """Return a value as it is sent."""
+    """Return a value as text of an answer."""
     if isinstance(value, float):
         return printed(value)
     return str(int(value) if isinstance(value, bool | np.bool_) else value)
 
 
-#: Rows of a piece: small enough that a client that reads slowly holds little memory.
+#: Rows of a piece: small, so that slow clients occupy little memory.
 _ROWS = 1000
 
 
@@ -261,7 +260,7 @@ def array_text(
 ) -> Iterator[str]:
     r"""Return an array in pieces of text, the last of which ends with a line feed and no space.
 
-    Columns are of one length, 1 at least; `sample_time` is from row to row [s].
+    Columns have the same length, at least 1; `sample_time` is the interval between rows [s].
 
     Examples
     --------

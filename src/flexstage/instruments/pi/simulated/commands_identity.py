@@ -1,6 +1,12 @@
-"""Commands about the controller itself: identity, parameters, reboot, state, digital outputs."""
+"""Commands about the controller itself: identity, parameters, reboot, state, digital outputs.
 
-from collections.abc import Sequence
+Numbers of parameters below 0x70000000 are those of PI's piezo controllers; additional ones of the
+simulated controller have the group ``Twin``. The names contain the units, for clients.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass
 
 from flexstage.base.version import __version__
 from flexstage.instruments.pi.simulated.command import (
@@ -9,35 +15,271 @@ from flexstage.instruments.pi.simulated.command import (
     number,
     order,
     question,
+    switch,
+    unsigned,
     unsigned_or_hex,
     value_text,
 )
 from flexstage.instruments.pi.simulated.device import Refusal, require
-from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState, ServoDraft
-from flexstage.instruments.pi.simulated.parameters import (
-    PARAMETERS,
-    SIMULATED_TIME,
-    items_of,
-    listing,
+from flexstage.instruments.pi.simulated.gcs_state import (
+    MICRO,
+    NOTCHES,
+    ControllerState,
+    ServoDraft,
+)
+from flexstage.instruments.protocol import Capability
+
+_KINDS = {int: "INT", str: "CHAR"}
+#: Advances simulated time by the written value [s]; reads the elapsed time.
+SIMULATED_TIME = 0x7F000001
+Value = float | int | str
+Get = Callable[[ControllerState, str], Value]
+Set = Callable[[ControllerState, str, str], None]
+Edit = Callable[[ServoDraft, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter."""
+
+    item: str
+    """Kind of its items; ``piezo``: an axis with a voltage; ``servo``: an axis with adjustable
+    position control.
+    """
+    group: str
+    """Group in the list."""
+    name: str
+    """Name in the list."""
+    get: Get
+    """Function that returns the value, of state and item."""
+    _: KW_ONLY
+    set: Set | None = None
+    """Function that sets the value, of state, item and word."""
+    edit: Edit | None = None
+    """Function that sets a number in a draft of the position control."""
+
+    @property
+    def writable(self) -> bool:
+        """Whether it can be set."""
+        return self.set is not None or self.edit is not None
+
+
+def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
+    """Return the axes or channels that have a parameter, or ``"1"`` for the system."""
+    if parameter.item == "system":
+        return ("1",)
+    if parameter.item == "channel":
+        return tuple(state.channels)
+    if parameter.item == "piezo":
+        return tuple(state.outputs.values())
+    return tuple(
+        name
+        for name, axis in state.axes.items()
+        if parameter.item == "axis" or Capability.SERVO_TUNING in axis.capabilities
+    )
+
+
+def listing(state: ControllerState) -> list[str]:
+    """Return the answer to ``HPA?``: number, write level, items, type, group, name."""
+    lines = ["The following parameters are valid:"]
+    for identifier, parameter in PARAMETERS.items():
+        items = items_of(state, parameter)
+        if items:
+            value = parameter.get(state, items[0])
+            kind = "FLOAT" if isinstance(value, float) else _KINDS[type(value)]
+            name = parameter.name
+            if parameter.item == "axis":
+                name = re.sub(r"\[um\b", "[mm" if state.model.unit == "mm" else "[um", name)
+            words = (0 if parameter.writable else 9, len(items), kind, parameter.group, name)
+            lines.append("\t".join((f"0x{identifier:08X}=", *(str(word) for word in words))))
+    return [*lines, "end of help"]
+
+
+def _speed(state: ControllerState, axis: str, word: str) -> None:
+    state.device.set_speed(axis, number(word) * state.model.scale)
+
+
+def _wave_rate(state: ControllerState, _: str, word: str) -> None:
+    state.device.set_wave_rate_divider(unsigned(word))
+
+
+def _record_rate(state: ControllerState, _: str, word: str) -> None:
+    state.device.recorder.set_divider(unsigned(word))
+
+
+def _record_tables(state: ControllerState, _: str, word: str) -> None:
+    state.recorder.use(unsigned(word))
+
+
+def _no_analogue_input(_: ControllerState, __: str, word: str) -> None:
+    """Accept only 0, since no analogue input can be the target."""
+    require(unsigned(word) == 0, Refusal.BAD_VALUE)
+
+
+def _drives(state: ControllerState, _: str, word: str) -> None:
+    state.device.remove_drives(switch(word))
+
+
+def _feedforward(state: ControllerState, axis: str, word: str) -> None:
+    table = unsigned(word)
+    require(table <= state.device.wave_tables, Refusal.UNKNOWN_WAVE_TABLE)
+    able = Capability.FEEDFORWARD_TABLE in state.axes[axis].capabilities
+    require(able, Refusal.NOT_ABLE)
+    state.device.choose_wave(axis, state.device.wave_choice(axis)[0], table)
+
+
+def _notch(quantity: str, slot: int) -> tuple[Get, Edit]:
+    def get(state: ControllerState, axis: str) -> Value:
+        return float(getattr(state.servo_draft(axis), quantity)[slot])
+
+    def edit(draft: ServoDraft, value: float) -> None:
+        getattr(draft, quantity)[slot] = value
+
+    return get, edit
+
+
+def _gain(quantity: str) -> tuple[Get, Edit]:
+    def get(state: ControllerState, axis: str) -> Value:
+        return float(getattr(state.servo_draft(axis), quantity))
+
+    def edit(draft: ServoDraft, value: float) -> None:
+        setattr(draft, quantity, value)
+
+    return get, edit
+
+
+def _serial_number(state: ControllerState, _: str) -> str:
+    return state.device.identity.serial_number or "0"
+
+
+def _vendor(state: ControllerState, _: str) -> str:
+    return state.device.identity.vendor
+
+
+def _facts() -> dict[int, Parameter]:
+    """Return the read-only parameters; the simulated sensors need no correction."""
+    parameters: dict[int, Parameter] = {}
+
+    def add(identifier: int, item: str, group: str, name: str, get: Get) -> None:
+        parameters[identifier] = Parameter(item, group, name, get)
+
+    terms = ("Offset [um]", "Gain", "Second Order", "Third Order", "Fourth Order")
+    for power, term in enumerate(terms):
+        value = 1.0 if power == 1 else 0.0
+        name = f"Sensor Mech. Correction {power + 1}: {term}"
+        add(0x02000200 + 0x100 * power, "channel", "Sensor", name, lambda _, __, v=value: v)
+    add(0x05000000, "channel", "Sensor", "Digital Filter Type, 0 for none", lambda _, __: 0)
+    add(0x05000001, "channel", "Sensor", "Digital Filter Bandwidth [Hz]", lambda _, __: 0.0)
+    add(0x05000002, "channel", "Sensor", "Digital Filter Order", lambda _, __: 0)
+    window = "On Target Tolerance [um]"
+    add(0x07000900, "axis", "Servo", window, lambda s, axis: s.axes[axis].window / s.model.scale)
+    add(0x07000901, "axis", "Servo", "Settling Time [s]", lambda s, axis: s.axes[axis].settle)
+    add(0x07000A00, "piezo", "Axis", "Low Voltage [V]", lambda s, axis: s.voltage_range(axis)[0])
+    add(0x07000A01, "piezo", "Axis", "High Voltage [V]", lambda s, axis: s.voltage_range(axis)[1])
+    add(0x0F000200, "axis", "Axis", "Stage Serial Number", _serial_number)
+    add(0xFFFF0007, "system", "Firmware", "Firmware Name", _vendor)
+    add(0xFFFF0008, "system", "Firmware", "Firmware Version", lambda _, __: __version__)
+    add(0xFFFF000D, "system", "Firmware", "Firmware Description", lambda *_: "simulated controller")
+    add(0xFFFF000E, "system", "Firmware", "Firmware Date", lambda *_: "none")
+    add(0xFFFF000F, "system", "Firmware", "Firmware Developer", _vendor)
+    return parameters
+
+
+def _servo_parameters() -> dict[int, Parameter]:
+    parameters: dict[int, Parameter] = {}
+
+    def add(identifier: int, group: str, name: str, both: tuple[Get, Edit]) -> None:
+        get, edit = both
+        parameters[identifier] = Parameter("servo", group, name, get, edit=edit)
+
+    add(0x07000300, "Servo", "Servo Loop P-Term [V/um]", _gain("proportional"))
+    add(0x07000301, "Servo", "Servo Loop I-Term [V/(um s)]", _gain("integral"))
+    texts = {
+        "frequency": (0x08000100, "Notch Frequency {} [Hz], 0 for none"),
+        "rejection": (0x08000200, "Notch Rejection {}: gain at the frequency"),
+        "bandwidth": (0x08000300, "Notch Bandwidth {}: twice the damping ratio of the poles"),
+    }
+    for quantity, (base, text) in texts.items():
+        for slot in range(NOTCHES):
+            add(base + slot, "Servo", text.format(slot + 1), _notch(quantity, slot))
+    add(0x7F000010, "Twin", "Servo Loop Low-Pass Frequency [Hz], 0 for none", _gain("lowpass"))
+    return parameters
+
+
+_PLAIN = {
+    0x07000000: Parameter("axis", "Servo", "Range Limit min [um]",
+                          lambda s, axis: s.position_range(axis)[0] / s.model.scale),
+    0x07000001: Parameter("axis", "Servo", "Range Limit max [um]",
+                          lambda s, axis: s.position_range(axis)[1] / s.model.scale),
+    0x07000200: Parameter("axis", "Servo", "Servo Loop Slew-Rate [um/s]",
+                          lambda s, axis: s.device.speed(axis) / s.model.scale, set=_speed),
+    0x07000600: Parameter("axis", "Axis", "Axis Identifier", lambda _, axis: axis),
+    0x07000601: Parameter("axis", "Axis", "Axis Unit", lambda s, _: s.model.unit),
+    0x0E000200: Parameter("system", "System", "Servo Update Time [s]",
+                          lambda s, _: 1.0 / s.device.sample_rate_hz),
+    0x13000004: Parameter("system", "Wave Generator", "Max Wave Points",
+                          lambda s, _: int(s.device.wave_capacity)),
+    0x13000109: Parameter("system", "Wave Generator", "Wave Generator Table Rate",
+                          lambda s, _: int(s.device.wave_rate_divider()), set=_wave_rate),
+    0x1300010A: Parameter("system", "Wave Generator", "Number Of Waves",
+                          lambda s, _: int(s.device.wave_tables)),
+    0x16000000: Parameter("system", "Data Recorder", "Data Recorder Table Rate",
+                          lambda s, _: int(s.device.recorder.divider), set=_record_rate),
+    0x16000200: Parameter("system", "Data Recorder", "Data Recorder Max Points",
+                          lambda s, _: int(s.device.recorder.count * s.device.recorder.capacity)),
+    0x16000201: Parameter("system", "Data Recorder", "Data Recorder Points Per Table",
+                          lambda s, _: int(s.device.recorder.capacity)),
+    0x16000300: Parameter("system", "Data Recorder", "Data Recorder Chan Number",
+                          lambda s, _: s.recorder.tables, set=_record_tables),
+    # set by SPA itself, after all other parameters
+    SIMULATED_TIME: Parameter(
+        "system", "Twin",
+        "Simulated Time [s]: leads on by the seconds it is set to, where it runs fast",
+        lambda s, _: float(s.device.now), set=lambda _, __, ___: None),
+    0x7F000002: Parameter("system", "Twin",
+                          "Simulated Time runs fast: 1, in step with real time: 0",
+                          lambda s, _: int(s.pace.fast)),
+    0x7F000003: Parameter("system", "Twin", "Drives Taken Out: 0 or 1",
+                          lambda s, _: int(s.device.drives_removed()), set=_drives),
+    0x7F000011: Parameter("axis", "Twin", "Feedforward Wave Table [V], 0 for none",
+                          lambda s, axis: int(s.device.wave_choice(axis)[1]),
+                          set=_feedforward),
+    0x7F000012: Parameter("axis", "Twin", "Axis Of The Stage",
+                          lambda s, axis: s.axes[axis].stage_axis),
+    0x7F000013: Parameter("axis", "Twin",
+                          "Largest Slew-Rate Of The Voltage [V/s], 0 for none",
+                          lambda s, axis: float(s.axes[axis].limits.slew or 0.0)),
+    0x7F000014: Parameter("axis", "Twin", "Largest Speed [um/s], 0 for none",
+                          lambda s, axis: float(s.axes[axis].limits.speed or 0.0) / s.model.scale),
+    0x7F000020: Parameter("channel", "Twin", "Channel Name",
+                          lambda s, channel: s.channels[channel].name),
+    0x7F000021: Parameter("channel", "Twin", "Channel Unit",
+                          lambda s, c: "um" if s.channels[c].unit == "m" else "urad"),
+    0x06000500: Parameter("axis", "Axis", "ADC Channel For Target, 0 for none",
+                          lambda _, __: 0, set=_no_analogue_input),
+}  # fmt: skip
+#: The parameters by number, in ascending order.
+PARAMETERS: dict[int, Parameter] = dict(
+    sorted({**_PLAIN, **_facts(), **_servo_parameters()}.items())
 )
 
-#: Longest simulated time that one command leads on by [s].
+#: Longest simulated time of one command [s].
 _LONGEST = 3600.0
 
 
 def identity_line(state: ControllerState) -> str:
-    """Return what ``*IDN?`` answers: vendor, model, serial number and firmware.
+    """Return the answer to ``*IDN?``: vendor, model, serial number and firmware.
 
-    Of a simulation the word ``simulated`` is part. Where it answers as a model the vendor's name is
-    part, by which drivers choose.
+    It contains the word ``simulated`` for a simulation, and for a controller type the name of the
+    vendor, by which programs choose their driver.
     """
-    said = state.device.identity
-    vendor, model = said.vendor, state.model.name or said.model
+    identity = state.device.identity
+    vendor, model = identity.vendor, state.model.name or identity.model
     if state.model.name:
         vendor = f"Simulated Physik Instrumente ({vendor})"
-    elif said.simulated and "simulated" not in f"{vendor} {model}":
+    elif identity.simulated and "simulated" not in f"{vendor} {model}":
         model = f"{model} (simulated)"
-    fields = (vendor, model, said.serial_number or "0", said.firmware or __version__)
+    fields = (vendor, model, identity.serial_number or "0", identity.firmware or __version__)
     return ", ".join(field.replace(",", " ").replace("\n", " ") for field in fields)
 
 
@@ -56,22 +298,22 @@ def _reboot(state: ControllerState, _: None) -> None:
 Rows = Sequence[tuple[str, ...]]
 
 
-def _asked(state: ControllerState, given: Rows) -> list[tuple[str, str, int]]:
-    """Return how parameters are called in the answer, as they were asked for, item and number.
+def _parameter_rows(state: ControllerState, rows: Rows) -> list[tuple[str, str, int]]:
+    """Return the requested parameters: name in the answer, item and number.
 
-    All of them where none is asked for.
+    All parameters where none is requested.
     """
-    if not given:
-        every = ((item, key) for key, p in PARAMETERS.items() for item in items_of(state, p))
-        return [(f"{item} 0x{key:08X}", item, key) for item, key in every]
-    return [(f"{item} {word}", *_found(state, item, word)) for item, word in given]
+    if not rows:
+        all_items = ((item, key) for key, p in PARAMETERS.items() for item in items_of(state, p))
+        return [(f"{item} 0x{key:08X}", item, key) for item, key in all_items]
+    return [(f"{item} {word}", *_item_and_key(state, item, word)) for item, word in rows]
 
 
-def _found(state: ControllerState, item: str, word: str) -> tuple[str, int]:
+def _item_and_key(state: ControllerState, item: str, word: str) -> tuple[str, int]:
     key = unsigned_or_hex(word)
     require(key in PARAMETERS, Refusal.UNKNOWN_PARAMETER)
     parameter = PARAMETERS[key]
-    # the system is item 0 or 1, to different clients
+    # clients use 0 or 1 as the item of the system
     item = "1" if parameter.item == "system" and item == "0" else item
     unknown = Refusal.UNKNOWN_CHANNEL if parameter.item == "channel" else Refusal.UNKNOWN
     require(item in items_of(state, parameter), unknown)
@@ -79,32 +321,32 @@ def _found(state: ControllerState, item: str, word: str) -> tuple[str, int]:
 
 
 def delivered(state: ControllerState) -> dict[tuple[str, int], str]:
-    """Return the values of all parameters, which the controller keeps as those of delivery.
-
-    Texts by item and number.
-    """
+    """Return the texts of all parameters as delivered, by item and number."""
     return {
         (item, key): value_text(PARAMETERS[key].get(state, item))
-        for _, item, key in _asked(state, ())
+        for _, item, key in _parameter_rows(state, ())
     }
 
 
-def _read_parameters(state: ControllerState, given: Rows) -> Reply:
+def _read_parameters(state: ControllerState, rows: Rows) -> Reply:
     return [
         f"{called}={value_text(PARAMETERS[key].get(state, item))}"
-        for called, item, key in _asked(state, given)
+        for called, item, key in _parameter_rows(state, rows)
     ]
 
 
-def _read_delivered(state: ControllerState, given: Rows) -> Reply:
-    return [f"{called}={state.delivered[item, key]}" for called, item, key in _asked(state, given)]
+def _read_delivered(state: ControllerState, rows: Rows) -> Reply:
+    return [
+        f"{called}={state.delivered[item, key]}"
+        for called, item, key in _parameter_rows(state, rows)
+    ]
 
 
 def _set_parameters(state: ControllerState, rows: Rows) -> Reply:
-    given = [(*_found(state, item, key), word) for item, key, word in rows]
+    assignments = [(*_item_and_key(state, item, key), word) for item, key, word in rows]
     drafts: dict[str, ServoDraft] = {}
     seconds = 0.0
-    for item, key, word in given:
+    for item, key, word in assignments:
         parameter = PARAMETERS[key]
         require(parameter.writable, Refusal.READ_ONLY)
         if key == SIMULATED_TIME:
@@ -115,10 +357,10 @@ def _set_parameters(state: ControllerState, rows: Rows) -> Reply:
             if item not in drafts:
                 drafts[item] = state.servo_draft(item)
             parameter.edit(drafts[item], number(word))
-    # all of the position control at once: between two numbers it might not be stable
+    # the complete position control at once: intermediate settings might be unstable
     for axis, draft in drafts.items():
         state.apply_draft(axis, draft)
-    for item, key, word in given:
+    for item, key, word in assignments:
         parameter = PARAMETERS[key]
         if parameter.set is not None:
             parameter.set(state, item, word)
@@ -135,11 +377,11 @@ def _axis_names(state: ControllerState, words: Sequence[str]) -> Reply:
 _SERVO, _MOVING, _ON_TARGET = 1 << 12, 1 << 13, 1 << 15
 #: Largest number of the converter of an input, 18 bits with sign.
 _DIGITS = (1 << 17) - 1
-#: What an input that has no range of its own reads at most [um, or urad].
+#: Full scale of an input without a range [um, or urad].
 _FULL_SCALE = 100.0
 #: Range of an axis's sensor over that of its positions; a stage at rest is below them.
 _SENSOR_SPAN = 1.5
-#: Part of the range of the voltage that is no way to its end.
+#: Distance from the end of the voltage range, over the range, that counts as the end.
 _AT_END = 1e-6
 
 
@@ -153,17 +395,17 @@ def _bits(state: ControllerState, axis: str) -> int:
 
 
 def status_register(state: ControllerState) -> str:
-    """Return what ``#4`` answers."""
+    """Return the answer to ``#4``."""
     return "0x" + "".join(f"{_bits(state, axis):04X}" for axis in state.axes)
 
 
-def _registers(state: ControllerState, given: Sequence[tuple[str, int]]) -> Reply:
-    rows = given or [(axis, 1) for axis in state.axes]
+def _registers(state: ControllerState, requested: Sequence[tuple[str, int]]) -> Reply:
+    rows = requested or [(axis, 1) for axis in state.axes]
     return [f"{axis} {register}=0x{_bits(state, axis):04X}" for axis, register in rows]
 
 
 def _overflow(state: ControllerState, axis: str) -> bool:
-    """Say whether position control asks for more voltage than there is."""
+    """Return whether the voltage of the position control is at an end of its range."""
     if state.axes[axis].kind != "piezo" or not state.device.servo_on(axis):
         return False
     low, high = state.voltage_range(axis)
@@ -172,7 +414,7 @@ def _overflow(state: ControllerState, axis: str) -> bool:
 
 
 def _normalized(state: ControllerState, channel: str) -> float:
-    """Return a reading as a part of the largest one [%], 0 in the middle of its range."""
+    """Return a reading in per cent of the largest one, 0 at mid-range."""
     reading = state.device.channel(int(channel)) / MICRO
     axes = list(state.axes)
     if int(channel) > len(axes):
@@ -185,23 +427,23 @@ def _digits(state: ControllerState, channel: str) -> int:
     return max(-_DIGITS, min(_DIGITS, round(_DIGITS * _normalized(state, channel) / 100.0)))
 
 
-def _set_line(state: ControllerState, given: Sequence[tuple[int, int, str]]) -> None:
-    """Keep settings of digital outputs, which nothing is connected to."""
-    state.trigger_settings.update({(line, key): word for line, key, word in given})
+def _set_line(state: ControllerState, settings: Sequence[tuple[int, int, str]]) -> None:
+    """Store settings of digital outputs, which have no connection."""
+    state.trigger_settings.update({(line, key): word for line, key, word in settings})
 
 
-def _settings(state: ControllerState, asked: Sequence[tuple[int, int]]) -> Reply:
-    known = asked or sorted(state.trigger_settings)
+def _settings(state: ControllerState, requested: Sequence[tuple[int, int]]) -> Reply:
+    known = requested or sorted(state.trigger_settings)
     return [f"{n} {key}={state.trigger_settings.get((n, key), '0')}" for n, key in known] or ["0"]
 
 
 def _unseen(_: ControllerState, __: object) -> None:
-    """Do nothing: no output shows it, and no command asks for it."""
+    """Do nothing, since no output and no question depend on this."""
 
 
 _AXES = "[{<AxisID>}]"
 _PARAMETERS = "[{<ItemID> <PamID>}]"
-#: Commands about the controller; ``HLP?`` is made from the list of all of them.
+#: Commands about the controller.
 IDENTITY = (
     question("*IDN?", "", "Get Device Identification", lambda s, _: identity_line(s)),
     question("AOS?", _AXES, "Get Analog Input Offset", lambda *_: 0.0),

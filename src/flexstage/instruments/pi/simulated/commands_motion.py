@@ -14,33 +14,33 @@ from flexstage.instruments.pi.simulated.command import (
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
 from flexstage.instruments.pi.simulated.gcs_state import MICRO, ControllerState
 
-#: Part of the widest range by which a limit of a client may pass it because texts are rounded.
+#: Tolerance of a client's limit for rounded texts, over the widest range.
 _ROUNDING = 1e-6
 Value = Callable[[ControllerState, str], Any]
 
 
 def halt(state: ControllerState, axes: Sequence[str] | None = None) -> Reply:
-    """Stop axes, all where none is named, and tell the client."""
+    """Stop axes, by default all, and report the stop to the client."""
     state.stop(axes)
     raise RefusedError(Refusal.STOPPED)
 
 
 def moving_bits(state: ControllerState) -> str:
-    """Return what ``#5`` answers."""
+    """Return the answer to ``#5``."""
     return f"{sum(1 << i for i, axis in enumerate(state.axes) if state.device.moving(axis)):X}"
 
 
 def _stop(state: ControllerState, words: Sequence[str]) -> Reply:
-    """Stop first, whatever was said with it, and complain then."""
+    """Stop first, whatever the arguments are, and refuse them afterwards."""
     state.stop()
     require(not words, Refusal.NUMBER_OF_PARAMETERS)
     raise RefusedError(Refusal.STOPPED)
 
 
 def _move(relative: bool) -> Callable[[ControllerState, Mapping[str, float]], None]:
-    def run(state: ControllerState, given: Mapping[str, float]) -> None:
+    def run(state: ControllerState, values: Mapping[str, float]) -> None:
         device = state.device
-        targets = {axis: value * state.model.scale for axis, value in given.items()}
+        targets = {axis: value * state.model.scale for axis, value in values.items()}
         if relative:
             targets = {axis: device.target(axis) + v for axis, v in targets.items()}
         state.require_ready(targets)
@@ -54,9 +54,9 @@ def _set_voltage(state: ControllerState, voltages: Mapping[str, float]) -> None:
     state.recorder.move(lambda: state.device.set_commands(voltages))
 
 
-def _set_zero(state: ControllerState, given: Mapping[str, float | None]) -> None:
-    """Go through the range with control off, and count from where a low voltage leads to."""
-    lowest = given or dict.fromkeys(state.axes)
+def _set_zero(state: ControllerState, voltages: Mapping[str, float | None]) -> None:
+    """Move through the range in open loop, and set zero at a low voltage."""
+    lowest = voltages or dict.fromkeys(state.axes)
     require(all(state.axes[axis].kind == "piezo" for axis in lowest), Refusal.NOT_ABLE)
     state.require_ready(
         {axis: state.voltage_range(axis)[0] if v is None else v for axis, v in lowest.items()},
@@ -65,16 +65,16 @@ def _set_zero(state: ControllerState, given: Mapping[str, float | None]) -> None
     state.device.set_zero(lowest)
 
 
-def _switch_servo(state: ControllerState, given: Mapping[str, bool]) -> None:
-    off = {axis for axis, on in given.items() if on} & state.disabled
+def _switch_servo(state: ControllerState, switches: Mapping[str, bool]) -> None:
+    off = {axis for axis, on in switches.items() if on} & state.disabled
     require(not off, Refusal.SWITCHED_OFF)
-    for axis, on in given.items():
+    for axis, on in switches.items():
         if on != state.device.servo_on(axis):
             state.device.set_servo(axis, on)
 
 
-def _set_speed(state: ControllerState, given: Mapping[str, float]) -> None:
-    speeds = {axis: value * state.model.scale for axis, value in given.items()}
+def _set_speed(state: ControllerState, values: Mapping[str, float]) -> None:
+    speeds = {axis: value * state.model.scale for axis, value in values.items()}
     for axis, speed in speeds.items():
         largest = state.axes[axis].limits.speed
         allowed = speed > 0.0 and (largest is None or speed <= largest * (1.0 + 1e-9))
@@ -86,9 +86,9 @@ def _set_speed(state: ControllerState, given: Mapping[str, float]) -> None:
             state.device.set_speed(axis, speed)
 
 
-def _set_speed_control(state: ControllerState, given: Mapping[str, bool]) -> None:
-    """Let moves keep to the speed of the axis, or be as fast as the axis can."""
-    for axis, on in given.items():
+def _set_speed_control(state: ControllerState, switches: Mapping[str, bool]) -> None:
+    """Limit moves to the speed of the axis, or allow the largest speed."""
+    for axis, on in switches.items():
         if on and axis in state.free_speeds:
             state.device.set_speed(axis, state.free_speeds.pop(axis))
         elif not on and axis not in state.free_speeds:
@@ -97,9 +97,9 @@ def _set_speed_control(state: ControllerState, given: Mapping[str, bool]) -> Non
 
 
 def _soft_limit(of_voltage: bool, end: int) -> Callable[[ControllerState, Any], None]:
-    def run(state: ControllerState, given: Mapping[str, float]) -> None:
+    def run(state: ControllerState, values: Mapping[str, float]) -> None:
         changed = {}
-        for name, value in given.items():
+        for name, value in values.items():
             axis = state.outputs[name] if of_voltage else name
             widest = state.voltage_range(axis) if of_voltage else state.position_range(axis)
             soft = list(state.soft(axis, of_voltage))
@@ -115,14 +115,14 @@ def _soft_limit(of_voltage: bool, end: int) -> Callable[[ControllerState, Any], 
 
 
 def _set_online(state: ControllerState, words: Sequence[str]) -> Reply:
-    """Take commands over the interface: of one channel, or of all where none is named."""
+    """Accept commands over the interface for one channel, by default for all."""
     if len(words) == 1 and state.model.one_line:
         words = [word for name in state.outputs for word in (name, words[0])]
-    given = groups(words, 2)
-    names = [name for name, _ in given]
+    pairs = groups(words, 2)
+    names = [name for name, _ in pairs]
     require(all(name in state.outputs for name in names), Refusal.UNKNOWN_CHANNEL)
     require(len(set(names)) == len(names), Refusal.AXIS_TWICE)
-    state.online.update({name: switch(word) for name, word in given})
+    state.online.update({name: switch(word) for name, word in pairs})
     return None
 
 
@@ -133,16 +133,16 @@ def _online(state: ControllerState, words: Sequence[str]) -> Reply:
     return [f"{name}={int(state.online[name])}" for name in words or state.outputs]
 
 
-def _enable(state: ControllerState, given: Mapping[str, bool]) -> None:
-    """Enable axes; an axis that is switched off stops and takes no motion."""
-    off = [axis for axis, on in given.items() if not on]
+def _enable(state: ControllerState, switches: Mapping[str, bool]) -> None:
+    """Enable or disable axes; a disabled axis stops and accepts no motion."""
+    off = [axis for axis, on in switches.items() if not on]
     if off:
         state.device.stop(off)
-    state.disabled = (state.disabled - given.keys()) | set(off)
+    state.disabled = (state.disabled - switches.keys()) | set(off)
 
 
 def _reference(share: float, missing: Refusal) -> Callable[[ControllerState, Any], None]:
-    """Go to a switch at a part of the travel; piezo axes have none, and refuse."""
+    """Move to a switch at a fraction of the travel; piezo axes have none, and refuse."""
 
     def run(state: ControllerState, axes: Sequence[str]) -> None:
         require(all(state.has_switch(name) for name in axes), missing)
@@ -154,17 +154,17 @@ def _reference(share: float, missing: Refusal) -> Callable[[ControllerState, Any
     return run
 
 
-def _reference_mode(state: ControllerState, given: Mapping[str, bool]) -> None:
-    """Let axes with switches move without a reference move, or only after one."""
-    asked = [axis for axis, on in given.items() if on]
-    require(all(state.has_switch(axis) for axis in asked), Refusal.NO_REFERENCE_SENSOR)
-    state.reference_mode.update(given)
+def _reference_mode(state: ControllerState, switches: Mapping[str, bool]) -> None:
+    """Require a reference move of axes with switches, or allow motion without it."""
+    axes = [axis for axis, on in switches.items() if on]
+    require(all(state.has_switch(axis) for axis in axes), Refusal.NO_REFERENCE_SENSOR)
+    state.reference_mode.update(switches)
 
 
 def _set_acceleration(name: str) -> Callable[[ControllerState, Any], None]:
-    def run(state: ControllerState, given: Mapping[str, float]) -> None:
-        require(all(value > 0.0 for value in given.values()), Refusal.BAD_VALUE)
-        state.accelerations[name].update(given)
+    def run(state: ControllerState, values: Mapping[str, float]) -> None:
+        require(all(value > 0.0 for value in values.values()), Refusal.BAD_VALUE)
+        state.accelerations[name].update(values)
 
     return run
 
@@ -189,7 +189,7 @@ def _of_axes(name: str, text: str, value: Value, *, poll: bool = False) -> GcsCo
 
 
 def _of_outputs(name: str, text: str, value: Value) -> GcsCommand:
-    """Return a question about outputs, whose value is told of the axis that each drives."""
+    """Return a question about outputs, whose value is a function of their axis."""
     return question(name, "[{<OutputID>}]", text, lambda s, out: value(s, s.outputs[out]))
 
 
@@ -205,9 +205,9 @@ MOTION = (
     order("ATZ", "[{<AxisID> <LowValue>}]", "Set Automatic Zero Point", _set_zero, moves=True),
     _of_axes("ATZ?", "Get Automatic Zero Point State", lambda s, a: not s.device.zeroing(a),
              poll=True),
-    # kept without effect: the simulated amplifiers have no drift to be compensated
+    # stored without effect: the simulated amplifiers have no drift
     order("DCO", _SWITCHED, "Set Drift Compensation Mode",
-          lambda s, given: s.drift_compensation.update(given)),
+          lambda s, switches: s.drift_compensation.update(switches)),
     _of_axes("DCO?", "Get Drift Compensation Mode", lambda s, a: s.drift_compensation[a]),
     order("DFH", _AXES, "Define Home Position",
           lambda s, axes: s.homes.update({axis: s.device.position(axis) for axis in axes})),

@@ -1,4 +1,4 @@
-"""Commands of tables: of the wave generator (segments, rate, start), and of the data recorder."""
+"""Commands of the tables of wave generator (segments, rate, start) and data recorder."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,13 +22,13 @@ from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.pi.simulated.gcs_state import ControllerState
 from flexstage.instruments.pi.simulated.record_store import RECORD_OPTIONS
 
-#: Bits of the start mode: begin at once; begin each cycle where the one before has ended.
+#: Bits of the start mode: start immediately; start each cycle at the end of the previous one.
 _START, _ONWARD = 1, 1 << 8
 _START_MODES = (0, _START, _START | _ONWARD)
 
 
 def running_bits(state: ControllerState) -> str:
-    """Return what ``#9`` answers."""
+    """Return the answer to ``#9``."""
     running = (state.device.wave_running(axis) for axis in state.generators.values())
     return f"{sum(1 << i for i, runs in enumerate(running) if runs):X}"
 
@@ -45,13 +45,13 @@ def _require_at_rest(state: ControllerState, generators: Sequence[str]) -> None:
 
 def _define(state: ControllerState, words: Sequence[str]) -> Reply:
     require(len(words) >= 3, Refusal.NUMBER_OF_WAVE_PARAMETERS)
-    table, how = _table(state, words[0]), words[1].upper()
-    require(how in ("X", "&"), Refusal.SYNTAX)
+    table, mode = _table(state, words[0]), words[1].upper()
+    require(mode in ("X", "&"), Refusal.SYNTAX)
     device = state.device
-    held = device.wave_size(table) if how == "&" else 0
-    room = device.wave_room(table) - held
-    samples = segment(words[2].upper(), words[3:], held=held, room=room)
-    (device.append_wave if how == "&" else device.set_wave)(table, samples)
+    present = device.wave_size(table) if mode == "&" else 0
+    room = device.wave_room(table) - present
+    samples = segment(words[2].upper(), words[3:], present=present, room=room)
+    (device.append_wave if mode == "&" else device.set_wave)(table, samples)
     return None
 
 
@@ -67,28 +67,28 @@ def _clear(state: ControllerState, words: Sequence[str]) -> Reply:
 
 def _samples(state: ControllerState, words: Sequence[str]) -> Reply:
     require(len(words) != 1, Refusal.NUMBER_OF_PARAMETERS)
-    held = {t: state.device.wave(t) for t in range(1, state.device.wave_tables + 1)}
-    tables = [_table(state, word) for word in words[2:]] or [t for t in held if held[t].size]
-    least = min((held[table].size for table in tables), default=0)
+    filled = {t: state.device.wave(t) for t in range(1, state.device.wave_tables + 1)}
+    tables = [_table(state, word) for word in words[2:]] or [t for t in filled if filled[t].size]
+    least = min((filled[table].size for table in tables), default=0)
     require(least, Refusal.WAVE_NOT_DEFINED)
     first, count = (unsigned(words[0]), unsigned(words[1])) if words else (1, least)
-    there = first >= 1 and count >= 1 and first - 1 + count <= least
-    require(there, Refusal.WAVE_OUT_OF_RANGE)
-    columns = [held[table][first - 1 : first - 1 + count] for table in tables]
+    inside = first >= 1 and count >= 1 and first - 1 + count <= least
+    require(inside, Refusal.WAVE_OUT_OF_RANGE)
+    columns = [filled[table][first - 1 : first - 1 + count] for table in tables]
     names = [f"Wave Table {table}" for table in tables]
     step = state.device.wave_rate_divider() / state.device.sample_rate_hz
     return array_text(columns, names, step, identity_line(state))
 
 
-def _choose(state: ControllerState, given: Mapping[str, int]) -> None:
-    _require_at_rest(state, list(given))
-    for generator, table in given.items():
+def _choose(state: ControllerState, tables: Mapping[str, int]) -> None:
+    _require_at_rest(state, list(tables))
+    for generator, table in tables.items():
         axis = state.generators[generator]
         state.device.choose_wave(axis, table, state.device.wave_choice(axis)[1])
 
 
-def _set_cycles(state: ControllerState, given: Mapping[str, int]) -> None:
-    for generator, count in given.items():
+def _set_cycles(state: ControllerState, counts: Mapping[str, int]) -> None:
+    for generator, count in counts.items():
         state.device.set_wave_cycles(state.generators[generator], count)
 
 
@@ -97,7 +97,7 @@ def _set_rate(state: ControllerState, words: Sequence[str]) -> Reply:
     for generator, *numbers in groups(words, 3):
         require(generator == "0" or generator in state.generators, Refusal.UNKNOWN)
         rate, interpolation = (unsigned(word) for word in numbers)
-        # straight lines join the samples; steps between them are not simulated
+        # interpolation is linear; steps between samples are not simulated
         smooth = interpolation == 1 or (interpolation == 0 and rate == 1)
         require(rate >= 1 and smooth, Refusal.BAD_VALUE)
         rates.add(rate)
@@ -125,7 +125,7 @@ def _start(state: ControllerState, modes: Mapping[str, int]) -> None:
 
 
 def _require_soft(state: ControllerState, axis: str, unit: float, offset: float) -> None:
-    """Refuse a waveform beyond limits that clients have set."""
+    """Refuse a waveform beyond the limits of clients."""
     samples = state.device.wave(state.device.wave_choice(axis)[0])
     voltages = not state.device.servo_on(axis)
     for end in (samples.min(), samples.max()):
@@ -137,9 +137,9 @@ def _started(state: ControllerState, generator: str) -> int:
     return state.start_modes[generator] if running else 0
 
 
-def _set_offsets(state: ControllerState, given: Mapping[str, float]) -> None:
-    _require_at_rest(state, list(given))
-    state.offsets.update({state.generators[g]: offset for g, offset in given.items()})
+def _set_offsets(state: ControllerState, offsets: Mapping[str, float]) -> None:
+    _require_at_rest(state, list(offsets))
+    state.offsets.update({state.generators[g]: offset for g, offset in offsets.items()})
 
 
 #: Commands of the wave generator.
@@ -158,29 +158,29 @@ WAVES = (
     GcsCommand("WTR", "{<WaveGenID> <WaveTableRate> <InterpolationType>}",
                "Set Wave Generator Table Rate", _set_rate, changes=True, free=True),
 )  # fmt: skip
-#: Words behind the kind of a segment.
+#: Number of words after the kind of a segment.
 _WORDS = {"SIN_P": 6, "RAMP": 7, "LIN": 6}
 
 
-def segment(kind: str, words: Sequence[str], *, held: int, room: int) -> Array:
+def segment(kind: str, words: Sequence[str], *, present: int, room: int) -> Array:
     """Return the samples of a segment, as ``WAV`` describes it, in the unit of the command.
 
-    It is appended to the samples that are `held` in the table; `room` is the most that it can have.
+    It is appended to the `present` number of samples of the table, and has at most `room` samples.
 
-    A segment has a length, and in it a curve that begins at a start point and has a length of its
-    own. Before the curve is the offset; behind it the offset too, for a line the offset and the
-    amplitude. A curve that reaches over the end of the segment goes on at its start, so that the
-    start point of a sine as long as its segment is a phase. Sample i of a curve is its value at i
-    over its length: the end of a curve is the start of what follows, and a sine that is repeated
-    has no sample twice.
+    A segment has a length, and contains a curve with a start point and its own length. Before the
+    curve is the offset; after it the offset too, for a line the offset plus the amplitude. A curve
+    that exceeds the end of the segment continues at its start, so that the start point of a sine
+    with the length of its segment is a phase. Sample i of a curve is its value at i over its
+    length: the end of a curve is the start of the next one, and a repeated sine has no duplicate
+    samples.
 
     Examples
     --------
-    >>> segment("SIN_P", "4 10 5 4 0 2".split(), held=0, room=100)
+    >>> segment("SIN_P", "4 10 5 4 0 2".split(), present=0, room=100)
     array([ 5., 10., 15., 10.])
     """
     if kind == "PNT":
-        return _points(words, held, room)
+        return _points(words, present, room)
     require(kind in _WORDS, Refusal.UNKNOWN_WAVE_TYPE)
     require(len(words) == _WORDS[kind], Refusal.NUMBER_OF_WAVE_PARAMETERS)
     size = unsigned(words[0])
@@ -201,18 +201,18 @@ def segment(kind: str, words: Sequence[str], *, held: int, room: int) -> Array:
     return offset + amplitude * values
 
 
-def _points(words: Sequence[str], held: int, room: int) -> Array:
+def _points(words: Sequence[str], present: int, room: int) -> Array:
     require(len(words) >= 3, Refusal.NUMBER_OF_WAVE_PARAMETERS)
     start, size = unsigned(words[0]), unsigned(words[1])
     require(size == len(words) - 2, Refusal.NUMBER_OF_WAVE_PARAMETERS)
-    # counted in what is appended, or in the whole table: clients do either
-    require(start in (1, held + 1), Refusal.WAVE_OUT_OF_RANGE)
+    # counted in the appended samples, or in the complete table: clients use both
+    require(start in (1, present + 1), Refusal.WAVE_OUT_OF_RANGE)
     require(size <= room, Refusal.TABLE_FULL)
     return np.array([number(word) for word in words[2:]])
 
 
 def _sine(curve: int, centre: int) -> Array:
-    """Return half a cosine up to the centre, and another half down, 0 to 1."""
+    """Return a half cosine up to the centre, and another one down, 0 to 1."""
     require(1 <= centre < curve, Refusal.WAVE_OUT_OF_RANGE)
     i = np.arange(curve)
     turn = np.where(i < centre, i / centre, 1.0 + (i - centre) / (curve - centre))
@@ -226,7 +226,7 @@ def _ramp(curve: int, rounded: int, centre: int) -> Array:
 
 
 def _line(curve: int, rounded: int) -> Array:
-    """Return a line from 0 to 1 whose speed grows and falls evenly over its first and last part."""
+    """Return a line from 0 to 1 with constant acceleration at its start and end."""
     require(2 * rounded <= curve, Refusal.WAVE_OUT_OF_RANGE)
     i = np.arange(curve, dtype=np.float64)
     if rounded == 0:
@@ -238,7 +238,7 @@ def _line(curve: int, rounded: int) -> Array:
     return np.where(i < rounded, up, np.where(i > curve - rounded, down, even))
 
 
-#: What starts the recorder, by number.
+#: Trigger options of the recorder, by number.
 _TRIGGERS = {
     0: "default setting: start of a waveform, or a blow",
     1: "any command changing target position or open-loop voltage, too",
@@ -274,18 +274,18 @@ def _options(state: ControllerState, _: None) -> Reply:
     ]
 
 
-def _configure(state: ControllerState, given: Sequence[tuple[int, str, int]]) -> None:
-    signals = {table: state.recorder.signal(source, option) for table, source, option in given}
+def _configure(state: ControllerState, rows: Sequence[tuple[int, str, int]]) -> None:
+    signals = {table: state.recorder.signal(source, option) for table, source, option in rows}
     for table, signal in signals.items():
         state.recorder.choose(table, signal)
 
 
 def _set_trigger(state: ControllerState, words: Sequence[str]) -> Reply:
-    given = groups(words, 3)
-    for table, _, _ in given:
+    rows = groups(words, 3)
+    for table, _, _ in rows:
         if table != "0":
             _record_table(state, table)
-    triggers = {unsigned(trigger) for _, trigger, _ in given}
+    triggers = {unsigned(trigger) for _, trigger, _ in rows}
     # all tables record together
     require(len(triggers) == 1 and triggers <= set(_TRIGGERS), Refusal.BAD_VALUE)
     state.recorder.set_trigger(triggers.pop())
@@ -293,20 +293,20 @@ def _set_trigger(state: ControllerState, words: Sequence[str]) -> Reply:
 
 
 def _recorded(state: ControllerState, table: int) -> int:
-    return state.device.recorder.recorded if table in state.recorder.kept else 0
+    return state.device.recorder.recorded if table in state.recorder.recorded_signals else 0
 
 
 def _records(state: ControllerState, words: Sequence[str]) -> Reply:
     require(len(words) != 1, Refusal.NUMBER_OF_PARAMETERS)
-    there = state.device.recorder.recorded
-    first, count = (unsigned(words[0]), unsigned(words[1])) if words else (1, there)
-    kept = state.recorder.kept
-    tables = [_record_table(state, word) for word in words[2:]] or sorted(kept)
-    recorded = first >= 1 and count >= 1 and first - 1 + count <= there
-    require(tables and kept.keys() >= set(tables) and recorded, Refusal.NOT_RECORDED)
+    available = state.device.recorder.recorded
+    first, count = (unsigned(words[0]), unsigned(words[1])) if words else (1, available)
+    signals = state.recorder.recorded_signals
+    tables = [_record_table(state, word) for word in words[2:]] or sorted(signals)
+    recorded = first >= 1 and count >= 1 and first - 1 + count <= available
+    require(tables and signals.keys() >= set(tables) and recorded, Refusal.NOT_RECORDED)
     columns = [state.recorder.column(table, first - 1, count) for table in tables]
-    names = [state.recorder.title(kept[table]) for table in tables]
-    return array_text(columns, names, state.recorder.kept_step, identity_line(state))
+    names = [state.recorder.title(signals[table]) for table in tables]
+    return array_text(columns, names, state.recorder.sample_step, identity_line(state))
 
 
 #: Commands of the data recorder.
@@ -320,7 +320,7 @@ RECORDER = (
                _set_trigger, changes=True, free=True),
     GcsCommand("HDR?", "", "Get All Data Recorder Options", _options),
     order("RTR", "<RecTableRate>", "Set Record Table Rate",
-          lambda s, given: s.device.recorder.set_divider(given[0])),
+          lambda s, rates: s.device.recorder.set_divider(rates[0])),
     question("RTR?", "", "Get Record Table Rate", lambda s, _: s.device.recorder.divider),
     question("TNR?", "", "Get Number Of Record Tables", lambda s, _: s.recorder.tables),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A simulated controller with its stage, in simulated time: how its axes are moved."""
+"""A simulated controller with its stage, in simulated time: motion of its axes."""
 
 from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
@@ -18,37 +18,36 @@ from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, req
 from flexstage.instruments.pi.simulated.tables import WaveRun
 from flexstage.system.servo import ServoSettings
 
-#: Part by which a speed may pass its limit because texts are rounded.
+#: Relative tolerance of a speed limit for rounded texts.
 _ROUNDING = 1e-6
 
 
 class VirtualController(ControllerCore):
-    """A controller of a stage that is simulated: axes, control, waveforms and a recorder.
+    """A controller of a simulated stage: axes, control, waveforms and a recorder.
 
-    Everything is SI and in simulated time. The axes are ``1``, ``2`` ... in the order of the
-    stage's; tables, channels and records are numbered from 1. Time passes only by `advance`; in
-    which portions it passes makes no difference to any sample. A command acts with the next sample
-    of the loop. What a client says wrong is refused by a `RefusedError` with its reason, nothing
-    else, and nothing has changed then.
+    All values are SI, in simulated time. The axes are ``1``, ``2`` ... in the order of those of the
+    stage; tables, channels and records are numbered from 1. Time passes only by `advance`; samples
+    do not depend on its steps. A command acts with the next sample of the loop. A wrong command is
+    refused by a `RefusedError` with its reason, without any change.
 
     Moves are ramps: under control at the speed of the axis, in open loop at the largest slew of its
-    voltage. A new target takes over from where the old ramp is. A wave table holds positions for an
-    axis under control, and voltages for one in open loop; when its waveform has ended an axis holds
-    the last sample.
+    voltage. A new target starts from the present value of the old ramp. A wave table contains
+    positions for an axis under control, and voltages for one in open loop; after its waveform an
+    axis keeps the last sample.
 
-    A piezo axis whose range is known has set its zero when it is switched on (`set_zero`): it has
-    gone through its range, stands near the low end, and counts from there.
+    A piezo axis with a known range is zeroed at power-on (`set_zero`): it moves through its range
+    and sets its zero near the low end.
 
-    A piezo axis has arrived within 20 nm of its target for 5 ms; of a screw the window is its
-    smallest step. A recording goes on until its tables are full, as long as nobody
-    stops the motion that started it; at a slower rate nothing is averaged.
+    A piezo axis is on target after 5 ms within 20 nm of its target; the window of a screw is its
+    smallest step. A record continues until its tables are full, unless the motion that started it
+    is stopped; lower rates have no averaging.
 
     Notes
     -----
-    Moves are straight ramps at the speed of the axis, without a limit of acceleration, as piezo
-    controllers make them: the corners of an open-loop ramp ring at the first mode of the stage.
-    Signals are recorded at the instant at which they are there, without the delays inside a real
-    controller. One thread at a time: a server holds a lock while it uses it.
+    Moves are linear ramps at the speed of the axis, without a limit of acceleration, as with piezo
+    controllers: the corners of an open-loop ramp excite the first mode of the stage. Signals are
+    recorded without the delays inside a real controller. One thread at a time: a server holds a
+    lock during each call.
 
     Examples
     --------
@@ -63,14 +62,14 @@ class VirtualController(ControllerCore):
     """
 
     def servo_on(self, axis: str) -> bool:
-        """Say whether position control is on; always for a screw."""
+        """Return whether position control is on; always for a screw."""
         return self._axis(axis).servo
 
     def set_servo(self, axis: str, on: bool) -> None:
-        """Switch position control, without a jump.
+        """Switch position control, without a step.
 
-        Switched on, the target is what the sensor reads, or the end of the range where this is
-        outside; switched off, the voltage stays.
+        When it is switched on, the target is the present reading, or the end of the range if this
+        is outside; when it is switched off, the voltage stays.
         """
         state = self._axis(axis)
         if state.servo == on:
@@ -84,28 +83,28 @@ class VirtualController(ControllerCore):
             state.go(min(max(state.target, low), high), self._sample, state.speed)
 
     def set_zero(self, voltages: Mapping[str, float | None]) -> None:
-        """Count the positions of axes from where they come to stand at a voltage [V], all or none.
+        """Set the zero of axes at a voltage [V], by default slightly above the lowest.
 
-        Control goes off, and each axis goes through its whole range before; without a voltage it is
-        one little above the lowest. The ends of the range stay what they are, from the new zero.
+        Control is switched off, and each axis first moves through its full range. The ends of the
+        range are unchanged, relative to the new zero.
         """
         self._need_drives()
-        found = {self._piezo(axis): value for axis, value in voltages.items()}
-        for state, value in found.items():
+        states = {self._piezo(axis): value for axis, value in voltages.items()}
+        for state, value in states.items():
             self._need_no_wave(state)
             if value is not None:
-                found[state] = _allowed_voltage(state, value)
-        for state in found:
+                states[state] = _allowed_voltage(state, value)
+        for state in states:
             if state.servo:
                 state.switch(False)
-        self._begin_zero(found)
+        self._begin_zero(states)
 
     def zeroing(self, axis: str) -> bool:
-        """Say whether an axis is on its way to its zero."""
+        """Return whether the zero of an axis is being set."""
         return self._axis(axis) in self._zeroing
 
     def target(self, axis: str) -> float:
-        """Return where a move goes, or where a waveform is; in open loop the last target [m]."""
+        """Return the target of a move or waveform; in open loop the last target [m]."""
         state = self._axis(axis)
         if state.servo and state.wave is not None:
             return state.present(self._sample)
@@ -114,18 +113,18 @@ class VirtualController(ControllerCore):
     def set_targets(self, targets: Mapping[str, float]) -> None:
         """Command positions [m] of one or more axes: all of them or none."""
         self._need_drives()
-        found = {self._axis(axis): value for axis, value in targets.items()}
-        for state, value in found.items():
+        states = {self._axis(axis): value for axis, value in targets.items()}
+        for state, value in states.items():
             self._need_no_wave(state)
             require(state.servo, Refusal.SERVO_OFF)
             bounds = state.description.limits.position
-            found[state] = float(require_within(np.array([value]), bounds)[0])
-        for state, value in found.items():
+            states[state] = float(require_within(np.array([value]), bounds)[0])
+        for state, value in states.items():
             state.go(value, self._sample, state.speed)
         self.recorder.trigger("move", self._sample + 1)
 
     def command(self, axis: str) -> float:
-        """Return where a ramp goes, or where a waveform is; under control the last one [V]."""
+        """Return the voltage command of a ramp or waveform; under control the last one [V]."""
         state = self._piezo(axis)
         if not state.servo and state.wave is not None:
             return state.present(self._sample)
@@ -134,12 +133,12 @@ class VirtualController(ControllerCore):
     def set_commands(self, commands: Mapping[str, float]) -> None:
         """Command voltages [V] in open loop of one or more axes: all of them or none."""
         self._need_drives()
-        found = {self._piezo(axis): value for axis, value in commands.items()}
-        for state, value in found.items():
+        states = {self._piezo(axis): value for axis, value in commands.items()}
+        for state, value in states.items():
             self._need_no_wave(state)
             require(not state.servo, Refusal.SERVO_ON)
-            found[state] = _allowed_voltage(state, value)
-        for state, value in found.items():
+            states[state] = _allowed_voltage(state, value)
+        for state, value in states.items():
             state.go(value, self._sample, state.largest_slew)
         self.recorder.trigger("move", self._sample + 1)
 
@@ -148,7 +147,7 @@ class VirtualController(ControllerCore):
         return self._axis(axis).speed
 
     def set_speed(self, axis: str, speed: float) -> None:
-        """Set the speed of moves [m/s], from the next one on."""
+        """Set the speed of moves [m/s], from the next one."""
         state = self._axis(axis)
         largest = self.largest_speed(axis)
         require(0.0 < speed <= largest * (1.0 + _ROUNDING), Refusal.SPEED_OUT_OF_LIMITS)
@@ -159,7 +158,7 @@ class VirtualController(ControllerCore):
         return self._axis(axis).largest_speed
 
     def position(self, axis: str) -> float:
-        """Return what the axis's own sensor reads now; of a screw its advance [m]."""
+        """Return the present reading of the axis's own sensor; of a screw its advance [m]."""
         return self._axis(axis).reading
 
     def voltage(self, axis: str) -> float:
@@ -167,28 +166,28 @@ class VirtualController(ControllerCore):
         return self._piezo(axis).volts
 
     def on_target(self, axis: str) -> bool:
-        """Say whether the axis has come to its target and stays there.
+        """Return whether the axis has reached its target and stays there.
 
-        The reading, smoothed over 1 ms, has been near the target for some time; in open loop the
-        end of the ramp is enough. Shortly after the arrival mains in the reading may lead it out of
-        the window again.
+        The reading, smoothed over 1 ms, has been near the target for the settling time; in open
+        loop the end of the ramp is sufficient. Mains in the reading may leave the window again
+        shortly after the arrival.
         """
         return self._axis(axis).settled(self._sample)
 
     def moving(self, axis: str) -> bool:
-        """Say whether the axis is being moved, by a command or a waveform."""
+        """Return whether a command or a waveform moves the axis."""
         return self._axis(axis).moving(self._sample)
 
     def channel(self, number: int) -> float:
-        """Return what a sensor reads now [m, or rad]."""
+        """Return the present reading of a sensor [m, or rad]."""
         require(1 <= number <= len(self.channels), Refusal.UNKNOWN)
         return float(self._readings[number - 1])
 
     def stop(self, axes: Sequence[str] | None = None) -> None:
-        """Stop motion and waveforms at once; the axes hold where they are.
+        """Stop motion and waveforms immediately; the axes hold their position.
 
-        Under control the target becomes what the sensor reads; in open loop the voltage that is
-        commanded stays, and a screw stops. A recording that a waveform has started ends, unless one
+        Under control the target becomes the present reading; in open loop the commanded voltage
+        stays, and a screw stops. A record that a waveform has started ends, unless a waveform still
         runs on another axis.
         """
         states = [self._axis(axis) for axis in (self._states if axes is None else axes)]
@@ -205,7 +204,7 @@ class VirtualController(ControllerCore):
         return self.stage.servo_settings(self._piezo(axis).description.stage_axis)
 
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
-        """Change the settings of the position control, at once."""
+        """Change the settings of the position control, immediately."""
         state = self._piezo(axis)
         try:
             settings.sections(self.sample_rate_hz)
@@ -222,19 +221,19 @@ class VirtualController(ControllerCore):
 
     @property
     def wave_capacity(self) -> int:
-        """Samples over all tables."""
+        """Number of samples of all tables together."""
         return self._tables.capacity
 
     def wave(self, table: int) -> Array:
-        """Return the samples of a table [m or V: whichever the axis takes that runs it]."""
+        """Return the samples of a table [m or V, depending on the mode of the axis]."""
         return self._tables.samples(table)
 
     def wave_size(self, table: int) -> int:
-        """Return how many samples a table has."""
+        """Return the number of samples of a table."""
         return self._tables.size(table)
 
     def wave_room(self, table: int) -> int:
-        """Return how many samples a table can have beside the others."""
+        """Return the largest possible number of samples of a table."""
         return self._tables.room(table)
 
     def set_wave(self, table: int, samples: Array) -> None:
@@ -253,11 +252,11 @@ class VirtualController(ControllerCore):
             require(state.wave is None or table not in self._choice[name], Refusal.WAVE_RUNNING)
 
     def wave_rate_divider(self) -> int:
-        """Return how many samples of the loop one sample of a table lasts."""
+        """Return the duration of a table sample, in samples of the loop."""
         return self._divider
 
     def set_wave_rate_divider(self, divider: int) -> None:
-        """Set how many samples of the loop one sample of a table lasts."""
+        """Set the duration of a table sample, in samples of the loop."""
         require(divider >= 1, Refusal.BAD_VALUE)
         for state in self._states.values():
             self._need_no_wave(state)
@@ -269,7 +268,7 @@ class VirtualController(ControllerCore):
         return self._choice[axis]
 
     def choose_wave(self, axis: str, table: int, feedforward: int = 0) -> None:
-        """Choose the table of an axis and that of its feedforward, 0 for none."""
+        """Select the table of an axis and that of its feedforward, 0 for none."""
         state = self._axis(axis)
         self._need_no_wave(state)
         if feedforward:
@@ -280,7 +279,7 @@ class VirtualController(ControllerCore):
         self._choice[axis] = (int(table), int(feedforward))
 
     def set_wave_cycles(self, axis: str, cycles: int) -> None:
-        """Set how often the waveform of an axis is run; 0 for endlessly."""
+        """Set the number of cycles of the waveform of an axis; 0 for endless."""
         state = self._axis(axis)
         self._need_no_wave(state)
         require(cycles >= 0, Refusal.BAD_VALUE)
@@ -292,11 +291,11 @@ class VirtualController(ControllerCore):
         onward: Collection[str] = (),
         scales: Mapping[str, tuple[float, float]] = MappingProxyType({}),
     ) -> None:
-        """Check every sample of the chosen tables against the limits, then start all in step.
+        """Check every sample of the selected tables against the limits, then start all axes.
 
-        The cycles of axes that go `onward` each begin where the one before has ended. An axis with
-        a unit [m or V] and an offset in `scales` takes the numbers of its table plus the offset in
-        that unit. Where anything is refused, nothing has started.
+        The cycles of axes in `onward` each start at the end of the previous one. With a unit [m or
+        V] and an offset in `scales`, the command is the sum of table and offset in that unit. If
+        any axis is refused, none is started.
         """
         self._need_drives()
         runs = [
@@ -308,13 +307,13 @@ class VirtualController(ControllerCore):
         self.recorder.trigger("wave", self._sample + 1)
 
     def stop_waves(self, axes: Sequence[str]) -> None:
-        """Stop waveforms; the axes hold where they are, and those that run none go on."""
+        """Stop waveforms; their axes hold their position, other axes continue."""
         for _, state in self._named(axes):
             if state.wave is not None and state not in self._zeroing:
                 state.stop(self._sample)
 
     def wave_running(self, axis: str) -> bool:
-        """Say whether a waveform runs on an axis."""
+        """Return whether a waveform runs on an axis."""
         state = self._axis(axis)
         return state.wave is not None and state not in self._zeroing
 
@@ -325,7 +324,7 @@ class VirtualController(ControllerCore):
         self, axis: str, state: AxisState, onward: bool, scale: tuple[float, float]
     ) -> WaveRun:
         self._need_no_wave(state)
-        table, beside = self._choice[axis]
+        table, feedforward_table = self._choice[axis]
         unit, offset = scale
         samples = (self._filled(axis, table) + offset) * unit
         cycles = self._cycles[axis]
@@ -335,9 +334,9 @@ class VirtualController(ControllerCore):
             state, samples, cycles, divider, state.present(self._sample), shift=shift
         )
         voltages = None
-        if beside:
+        if feedforward_table:
             voltages = check_feedforward(
-                state, self._filled(axis, beside), samples.size, cycles, divider
+                state, self._filled(axis, feedforward_table), samples.size, cycles, divider
             )
         return WaveRun(
             first=self._sample + 1,

@@ -1,4 +1,4 @@
-"""The clockwork of a simulated controller: commands in, samples of stage and recorder out."""
+"""Core of a simulated controller: time steps of axes, stage, tables and recorder."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,18 +28,18 @@ from flexstage.stage import Stage
 from flexstage.virtual.stage import StageSamples, VirtualStage
 
 _KINDS = ("position", "target", "error", "voltage", "channel", "force", "response")
-#: Samples of the loop that are computed at once.
+#: Number of samples of the loop that are computed at once.
 _BLOCK = 1000
-#: Part of a sample by which a time may miss it because seconds are rounded.
+#: Tolerance of rounded times, in samples.
 _ROUNDING = 1e-6
-#: Tables of the wave generator and of the recorder, and their samples.
+#: Numbers of tables of wave generator and recorder, and of their samples.
 _TABLES, _SAMPLES = 8, 2**18
-#: When a piezo axis has come to its target: within this [m], for this long [s].
+#: On-target window [m] and settling time [s] of a piezo axis.
 _WINDOW, _SETTLE = 20e-9, 5e-3
-#: An axis counts from where it stands at this part of its voltage above the lowest, so that control
-#: has some voltage left at the low end.
+#: Voltage of the zero above the lowest voltage, over the range, so that control has a reserve of
+#: voltage at the low end.
 _ZERO_SHARE = 0.05
-#: Each way of an axis that sets its zero, and its rest behind them [s].
+#: Duration of each move of the zeroing, and of the dwell after them [s].
 _WAY, _REST = 0.1, 0.2
 _PIEZO = frozenset(
     {
@@ -53,7 +53,7 @@ _SCREW = frozenset({Capability.CLOSED_LOOP})
 
 
 class ControllerCore:
-    """Axes, tables, recorder and test bench of a simulated controller, and the time that passes."""
+    """Axes, tables, recorder and hammer of a simulated controller, with simulated time."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class ControllerCore:
         names: Sequence[str] = (),
         zero_at_start: bool = True,
     ) -> None:
-        #: The stage in time; its sensors in the order of their numbers; rate of the loop [Hz].
+        #: The simulated stage; its sensors in the order of their numbers; rate of the loop [Hz].
         self.stage, self.channels = stage, stage.channels
         self.sample_rate_hz = float(stage.sample_rate_hz)
         self._states: dict[str, AxisState] = {}
@@ -86,7 +86,7 @@ class ControllerCore:
             for name, s in self._states.items()
             if not s.screw
         }
-        #: What it is: it says that it is simulated.
+        #: Its identity, which states that it is simulated.
         self.identity = Identity(
             vendor="flexstage",
             model=f"simulated {stage.stage.name}",
@@ -111,11 +111,11 @@ class ControllerCore:
 
     @property
     def now(self) -> float:
-        """Simulated time of the latest sample since it was switched on [s]; the first is at 0."""
+        """Simulated time of the latest sample since power-on [s]; the first is at 0."""
         return self._sample / self.sample_rate_hz
 
     def advance(self, seconds: float) -> None:
-        """Let simulated time [s] pass, rounded to whole samples; the rest is kept."""
+        """Let simulated time [s] pass, rounded to complete samples; the remainder is kept."""
         self._owed += duration(seconds) * self.sample_rate_hz
         due = math.floor(self._owed + _ROUNDING)
         self._owed -= due
@@ -126,7 +126,7 @@ class ControllerCore:
             due -= count
 
     def reboot(self) -> None:
-        """Switch off and on: control off, tables, settings and zero as delivered."""
+        """Restart: control off, tables, settings and zero as delivered."""
         self.stage.reset()
         for name, settings in self._delivered.items():
             self.stage.set_servo_settings(self._states[name].description.stage_axis, settings)
@@ -144,10 +144,10 @@ class ControllerCore:
         self._sample = -1
         self._owed = 0.0
         self._readings = np.zeros(len(self.stage.channels))
-        #: Where the zero of each sensor is, as the stage counts [m, or rad]; axes that set theirs.
+        #: Zero of each sensor in stage coordinates [m, or rad]; axes whose zero is being set.
         self._zero = np.zeros(len(self.stage.channels))
         self._zeroing: dict[AxisState, WaveRun] = {}
-        # the sample at time 0, so that there is a reading from the beginning
+        # the sample at time 0, so that there is a reading from the start
         self._step(1)
         known = [s for s in self._states.values() if not s.screw and s.description.limits.position]
         if self._zero_at_start and known:
@@ -157,13 +157,13 @@ class ControllerCore:
             self._sample, self._owed = 0, 0.0
 
     def _begin_zero(self, voltages: Mapping[AxisState, float | None]) -> None:
-        """Go through the whole range in open loop, and then to a voltage [V], where zero will be.
+        """Move through the full range in open loop, and then to the voltage of the zero [V].
 
-        The way is the same whatever was before, so that so is the zero, but for creep.
+        The moves do not depend on the history, so that the zero is reproducible, except for creep.
         """
-        for state, wanted in voltages.items():
+        for state, voltage in voltages.items():
             low, high = state.description.limits.voltage or (0.0, 0.0)
-            end = low + _ZERO_SHARE * (high - low) if wanted is None else wanted
+            end = low + _ZERO_SHARE * (high - low) if voltage is None else voltage
             size = max(_WAY, 2.0 * (high - low) / state.largest_slew) * self.sample_rate_hz
             rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, math.ceil(size) + 1) / math.ceil(size))
             places = (state.present(self._sample), high, low, end)
@@ -176,7 +176,7 @@ class ControllerCore:
             self._zeroing[state] = run
 
     def set_record_signal(self, table: int, signal: Signal | None) -> None:
-        """Choose what a table records, from the next recording on; None for nothing.
+        """Select the signal of a table, from the next record; None for none.
 
         The `source` of a signal is the identifier of an axis or the number of a channel.
         """
@@ -186,9 +186,9 @@ class ControllerCore:
         self.recorder.choose(table, signal)
 
     def arm_recorder(self, trigger: Trigger) -> None:
-        """Start recording with the next waveform or blow, the next move, or now.
+        """Arm the recorder for the next waveform or impact, the next move, or start it now.
 
-        What was recorded before can be read until then.
+        The previous record can be read until then.
         """
         require(trigger in ("wave", "move", "now"), Refusal.BAD_VALUE)
         self.recorder.arm(trigger)
@@ -196,11 +196,11 @@ class ControllerCore:
             self.recorder.trigger("now", self._sample + 1)
 
     def drives_removed(self) -> bool:
-        """Say whether the drives are taken out, so that the stage can be struck."""
+        """Return whether the drives are removed, for hammer impacts."""
         return self._drives_out
 
     def remove_drives(self, removed: bool) -> None:
-        """Take the drives out, or put them back; no axis may move or be under control."""
+        """Remove the drives, or install them; no axis may move or be under control."""
         for state in self._states.values():
             require(
                 not state.moving(self._sample),
@@ -210,19 +210,19 @@ class ControllerCore:
         self._drives_out = bool(removed)
 
     def strike(self, axis: str) -> None:
-        """Strike the stage with a hammer; a recorder armed for a waveform records it.
+        """Excite the stage with a hammer; a recorder armed for a waveform records the impact.
 
-        The record begins a little before the blow. Force and answer have a rate of their own and
-        are resampled, without a change within their band, to that of the record: above half of
-        the lower of both there is nothing in it. They come in as simulated time passes. The answer
-        is that along the axis that was struck; of another axis nothing is recorded but zeros.
+        The record starts shortly before the impact. Force and response have their own rate and are
+        resampled to that of the record, unchanged within their band and without content above half
+        of the lower rate. They arrive as simulated time passes. The response is along the excited
+        axis; that of other axes is zero.
         """
         state = self._axis(axis)
         require(self._drives_out, Refusal.NOT_ABLE)
-        blow = self.stage.strike(state.description.stage_axis)
+        impact = self.stage.strike(state.description.stage_axis)
         rate = self.sample_rate_hz / self.recorder.divider
-        force = resampled(blow.force, blow.sample_rate_hz, rate)
-        response = resampled(blow.response, blow.sample_rate_hz, rate)
+        force = resampled(impact.force, impact.sample_rate_hz, rate)
+        response = resampled(impact.response, impact.sample_rate_hz, rate)
 
         def samples(kind: str, source: str) -> Array:
             if kind == "force":
@@ -239,9 +239,9 @@ class ControllerCore:
         for state in self._states.values():
             state.fill(first, command[state.index], feedforward[state.index])
         control = [s.servo and not s.screw for s in self._states.values()]
-        wanted = command + np.where(control, self._zero[:size], 0.0)[:, None]
+        targets = command + np.where(control, self._zero[:size], 0.0)[:, None]
         block = self.stage.run(
-            wanted, control, None if np.isnan(feedforward).all() else feedforward
+            targets, control, None if np.isnan(feedforward).all() else feedforward
         )
         block.reading[:] -= self._zero[:, None]
         self._sample += count
@@ -249,7 +249,8 @@ class ControllerCore:
             row = state.index
             source = block.command if state.screw else block.reading
             state.take(self._sample, command[row], source[row])
-            state.volts, state.asked = float(block.voltage[row, -1]), float(block.command[row, -1])
+            state.volts = float(block.voltage[row, -1])
+            state.amplifier_input = float(block.command[row, -1])
         self._readings = block.reading[:, -1]
         self.recorder.take(first, count, lambda signal: self._values(signal, command, block))
         for state, run in list(self._zeroing.items()):
@@ -258,7 +259,7 @@ class ControllerCore:
                 del self._zeroing[state]
 
     def _values(self, signal: Signal, command: Array, block: StageSamples) -> Array:
-        """Return the samples of a block that a signal stands for."""
+        """Return the samples of a signal in a block."""
         if signal.kind == "channel":
             return block.reading[int(signal.source) - 1]
         state = self._states[signal.source]
@@ -298,9 +299,9 @@ class ControllerCore:
 
 
 def duration(seconds: float) -> float:
-    """Return a time [s]; refuse what is none that can pass."""
+    """Return a time [s]; refuse negative and infinite ones."""
     if not 0.0 <= seconds < math.inf:
-        raise ModelError(f"time passes by 0 s or more, got {seconds!r}")
+        raise ModelError(f"time can advance by 0 s or more, got {seconds!r}")
     return seconds
 
 

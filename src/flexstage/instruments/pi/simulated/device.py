@@ -1,4 +1,4 @@
-"""What a simulated controller says of its axes, and why it refuses a command."""
+"""Description of the axes of a simulated controller, and reasons of its refusals."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -10,15 +10,15 @@ from flexstage.stage.limits import AxisLimits
 
 
 class Refusal(IntEnum):
-    """Why a command is not carried out.
+    """Reason why a command is refused.
 
-    What the numbers stand for is fixed by the command set; the names are this project's.
+    The numbers are those of the command set; the names are our own.
     """
 
     SYNTAX = 1
     UNKNOWN_COMMAND = 2
     TOO_LONG = 3
-    SERVO_OFF = 5  # a position is asked for, and there is no position control on
+    SERVO_OFF = 5  # a position was commanded while position control is off
     OUT_OF_LIMITS = 7
     SPEED_OUT_OF_LIMITS = 8
     STOPPED = 10  # motion was stopped by a command
@@ -33,7 +33,7 @@ class Refusal(IntEnum):
     SOFT_LIMIT_OUT_OF_RANGE = 27
     NO_REFERENCE_SENSOR = 31
     NO_LIMIT_SWITCH = 32
-    NOT_ABLE = 34  # the axis cannot do this at all
+    NOT_ABLE = 34  # the axis does not support this
     UNKNOWN_PARAMETER = 54
     WRONG_PASSWORD = 56
     UNKNOWN_RECORD_TABLE = 57
@@ -41,11 +41,11 @@ class Refusal(IntEnum):
     UNKNOWN_RECORD_SOURCE = 59
     READ_ONLY = 64
     WAVE_RUNNING = 73
-    NO_WAVE = 75  # no table chosen, or an empty one
+    NO_WAVE = 75  # no table selected, or an empty one
     NOT_RECORDED = 77
     SWITCHED_OFF = 84
     VOLTAGE_OUT_OF_LIMITS = 302
-    SERVO_ON = 303  # a voltage is asked for under position control
+    SERVO_ON = 303  # a voltage was commanded under position control
     NO_ROOM_FOR_MACRO = 309
     HARDWARE = 333
     UNKNOWN_WAVE_TABLE = 400
@@ -59,42 +59,42 @@ class Refusal(IntEnum):
     MACRO_IS_WRITTEN = 1001
     NO_MACRO_IS_WRITTEN = 1002
     UNKNOWN_MACRO_FUNCTION = 1003
-    #: Another client holds control. 51 would be closer, but clients read a joystick into it.
+    #: Another client has control. 51 would fit better, but clients take it for a joystick.
     BUSY = 1005
 
 
 class RefusedError(FlexstageError, RuntimeError):
-    """A command is refused; nothing has changed."""
+    """A refused command, which has changed nothing."""
 
     def __init__(self, reason: Refusal) -> None:
-        # clients are told the number alone
+        # clients receive the number only
         super().__init__(f"error {reason.value} of the command set: {reason.name}")
         self.reason = reason
 
 
 def require(holds: object, reason: Refusal) -> None:
-    """Refuse a command for a reason, unless something holds."""
+    """Refuse a command for a reason, unless a condition is true."""
     if not holds:
         raise RefusedError(reason)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisDescription:
-    """What an axis of the device is."""
+    """Description of an axis of the device."""
 
     name: str
     """Its identifier at the controller: ``1``, ``2``."""
     stage_axis: str
-    """The axis of the stage that it moves: ``x``, ``y``."""
+    """Its axis of the stage: ``x``, ``y``."""
     kind: Literal["piezo", "screw"]
-    """A piezo axis is controlled by its platform's sensor and has a voltage; a screw axis by the
-    turns of its screw, and its position is the advance of the screw.
+    """Kind of drive. A piezo axis has a voltage, and is controlled by the sensor of its platform. A
+    screw axis is controlled by the turns of its screw; its position is the advance of the screw.
     """
     limits: AxisLimits
-    """What it accepts."""
+    """Limits of its commands."""
     capabilities: frozenset[Capability]
-    """What it can do."""
+    """Its capabilities."""
     window: float = 0.0
-    """Largest distance from a target at which it counts as reached [m]."""
+    """On-target window, the largest distance from a target [m]."""
     settle: float = 0.0
-    """How long it must be within it [s]."""
+    """Settling time within the window [s]."""

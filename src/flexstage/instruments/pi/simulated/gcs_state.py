@@ -1,4 +1,4 @@
-"""What a GCS controller knows beside its device, in the units of the wire, for all its clients."""
+"""State of a simulated GCS controller that all its clients share, in units of the controller."""
 
 import copy
 import math
@@ -35,19 +35,19 @@ class ControllerModel:
     """A type of controller."""
 
     name: str
-    """As ``*IDN?`` tells it; none for the simulation's own."""
+    """Name in the answer to ``*IDN?``; empty for the generic type."""
     lacks: frozenset[str] = frozenset()
     """Commands that it answers with error 2."""
     syntax: str = "2.0"
-    """Version of the command set, as ``CSV?`` tells it."""
+    """Version of the command set, the answer to ``CSV?``."""
     unit: str = "um"
-    """Unit of positions, as it is written."""
+    """Unit of positions, as text."""
     inputs: int | None = None
-    """How many inputs it lists where none is named; all of them where not given."""
+    """Number of inputs that it lists by default; None for all."""
     axes: int | None = None
-    """How many axes it has; as many as the stage where not given."""
+    """Number of axes; None for that of the stage."""
     motor: bool = False
-    """Whether it drives motors, whose axes count only once they have been at a switch."""
+    """Whether it drives motors, whose axes must be referenced at a switch first."""
 
     @property
     def scale(self) -> float:
@@ -56,18 +56,18 @@ class ControllerModel:
 
     @property
     def one_line(self) -> bool:
-        """Whether the axes are listed in one line, as before version 2 of the command set."""
+        """Whether it lists the axes in one line, as before version 2 of the command set."""
         return self.syntax.startswith("1")
 
 
-#: Answers as itself, and knows all commands.
-OWN = ControllerModel(name="")
+#: Generic type with all commands.
+GENERIC = ControllerModel(name="")
 
 _DIGITAL_PIEZO = _REFERENCE | _MOTOR | _ENABLE | _ANALOGUE
 _AMPLIFIER = _REFERENCE | _MOTOR | _ENABLE | _STATUS | _DIGITAL
 _OF_MOTORS = _ANALOGUE | _WAVES | {"AOS?", "OVF?", "NLM?", "PLM?", "IMP"}
 
-#: The models by name, the usual one first; of screws it is the last.
+#: Controller types by name; the first is the default, the last that of screws.
 MODELS = {
     model.name: model
     for model in (
@@ -86,17 +86,17 @@ MODELS = {
 }  # fmt: skip
 
 
-#: Micrometres, and microradians, of the wire in SI.
+#: SI value of micrometres and microradians.
 MICRO = 1e-6
-#: Notches that a client can set.
+#: Number of notches of the position control.
 NOTCHES = 4
 Range = tuple[float, float]
 
 
 class ServoDraft:
-    """Settings while they are changed one by one.
+    """Settings of the position control during changes of single parameters.
 
-    A notch whose frequency is 0 is none; its other two numbers are kept for when it gets one.
+    A notch with frequency 0 is off; its other two numbers are kept.
 
     Notes
     -----
@@ -138,13 +138,15 @@ class ServoDraft:
 
 
 class ControllerState:
-    """State of a controller that is shared by all its clients."""
+    """State of a controller that all its clients share."""
 
-    def __init__(self, device: VirtualController, pace: Pace, model: ControllerModel = OWN) -> None:
+    def __init__(
+        self, device: VirtualController, pace: Pace, model: ControllerModel = GENERIC
+    ) -> None:
         self.device, self.pace, self.model = device, pace, model
-        #: Where it is reached.
+        #: Its address.
         self.host, self.port = "127.0.0.1", 0
-        #: How often motion was stopped.
+        #: Number of stops.
         self.stops = 0
         #: Description by input channel.
         self.channels = {str(channel.number): channel for channel in device.channels}
@@ -158,27 +160,27 @@ class ControllerState:
         self.forget()
 
     def forget(self) -> None:
-        """Be as when it was switched on."""
-        #: What is added to the waveform of an axis, in the unit of the wire.
+        """Restore the state after power-on."""
+        #: Offset of the waveform of an axis, in units of the controller.
         self.offsets = dict.fromkeys(self.axes, 0.0)
-        #: SI value of the unit, and the offset, in which each axis ran its waveform last.
-        self.ran_with: dict[str, tuple[float, float]] = {}
+        #: SI value of the unit, and the offset, of the last waveform of each axis.
+        self.wave_units: dict[str, tuple[float, float]] = {}
         self.recorder = RecordStore(self.device, self.axes, self.outputs, self.model.scale)
-        #: Drafts with the settings that they gave.
+        #: Drafts with the resulting settings.
         self._drafts: dict[str, tuple[ServoDraft, ServoSettings]] = {}
-        #: Narrower limits that clients have set, by axis [m], [V].
+        #: Limits of clients by axis [m], [V].
         self.soft_positions: dict[str, Range] = {}
         self.soft_voltages: dict[str, Range] = {}
-        #: Outputs that take commands; axes that are switched off; speeds of axes without control of
-        #: speed [m/s]; axes with compensation of drift.
+        #: Outputs that accept commands; disabled axes; speeds of axes without speed control [m/s];
+        #: axes with drift compensation.
         self.online = dict.fromkeys(self.outputs, True)
         self.disabled: set[str] = set()
         self.free_speeds: dict[str, float] = {}
         self.drift_compensation = dict.fromkeys(self.axes, False)
-        #: Axes that move only once they have been at a switch, and those that have; where those go
-        #: that are on their way to one [m]; homes [m]; rates of speed, which no motion here has.
+        #: Axes that need a reference move, and referenced ones; targets of running reference moves
+        #: [m]; home positions [m]; accelerations, which have no effect here.
         self.reference_mode = {name: self.has_switch(name) for name in self.axes}
-        self.been = set[str]() if self.model.motor else set(self.axes)
+        self.referenced_axes = set[str]() if self.model.motor else set(self.axes)
         self.referencing: dict[str, float] = {}
         self.homes = dict.fromkeys(self.axes, 0.0)
         self.accelerations = {name: dict.fromkeys(self.axes, 1.0) for name in ("ACC", "DEC")}
@@ -198,14 +200,14 @@ class ControllerState:
         }
 
     def stop(self, axes: Sequence[str] | None = None) -> None:
-        """Stop axes, all where none is named."""
+        """Stop axes, by default all."""
         self.device.stop(axes)
         self.stops += 1
 
     # positions ------------------------------------------------------------------------------
 
     def position_range(self, axis: str) -> tuple[float, float]:
-        """Return the reachable positions of an axis [m]; wide open where it says none."""
+        """Return the reachable positions of an axis [m]; -1 to 1 m where they are unknown."""
         return self.axes[axis].limits.position or (-1.0, 1.0)
 
     def voltage_range(self, axis: str) -> tuple[float, float]:
@@ -213,33 +215,33 @@ class ControllerState:
         return self.axes[axis].limits.voltage or (0.0, 0.0)
 
     def soft(self, axis: str, of_voltage: bool) -> Range:
-        """Return the limits of an axis's positions [m] or voltages [V], as clients have set them.
+        """Return the limits of clients for positions [m] or voltages [V] of an axis.
 
-        The widest ones where they have set none.
+        Without such limits, these are the widest ones.
         """
         if of_voltage:
             return self.soft_voltages.get(axis, self.voltage_range(axis))
         return self.soft_positions.get(axis, self.position_range(axis))
 
     def has_switch(self, axis: str) -> bool:
-        """Say whether an axis has a reference switch and limit switches."""
+        """Return whether an axis has a reference switch and limit switches."""
         return self.axes[axis].kind == "screw"
 
     def referenced(self, axis: str) -> bool:
-        """Say whether an axis may move: it has come to a switch, or needs none."""
+        """Return whether an axis may move: it is referenced, or needs no reference."""
         ended = axis in self.referencing and not self.device.moving(axis)
-        # one that was stopped on its way has not been there
+        # a stopped reference move does not count
         if ended and self.device.target(axis) == self.referencing.pop(axis):
-            self.been.add(axis)
-        return axis in self.been or not self.reference_mode[axis]
+            self.referenced_axes.add(axis)
+        return axis in self.referenced_axes or not self.reference_mode[axis]
 
     def require_ready(self, targets: Mapping[str, float], *, voltages: bool = False) -> None:
-        """Refuse a motion of axes that take none, or beyond limits that clients have set."""
+        """Refuse a motion of axes that accept none, or beyond the limits of clients."""
         limits = self.soft_voltages if voltages else self.soft_positions
         beyond = Refusal.VOLTAGE_OUT_OF_LIMITS if voltages else Refusal.OUT_OF_LIMITS
         offline = {self.outputs[name] for name, on in self.online.items() if not on}
         for axis, value in targets.items():
-            # the number of axes without a reference, too
+            # this error number also means "not referenced"
             require(self.referenced(axis), Refusal.SERVO_OFF)
             require(axis not in self.disabled, Refusal.SWITCHED_OFF)
             require(axis not in offline, Refusal.NOT_ABLE)
@@ -269,10 +271,10 @@ class ControllerState:
         for axis in self.axes:
             if self.device.wave_running(axis):
                 table, feedforward = self.device.wave_choice(axis)
-                now = {feedforward: (1.0, 0.0), table: self.ran_with.get(axis, (1.0, 0.0))}
+                now = {feedforward: (1.0, 0.0), table: self.wave_units.get(axis, (1.0, 0.0))}
                 same = all(read.get(number, its) == its for number, its in now.items())
                 require(same, Refusal.WAVE_RUNNING)
-        self.ran_with.update(scales)
+        self.wave_units.update(scales)
         return scales
 
     def _wave_scale(self, axis: str) -> tuple[float, float]:
@@ -282,11 +284,13 @@ class ControllerState:
     # position control -----------------------------------------------------------------------
 
     def servo_draft(self, axis: str) -> ServoDraft:
-        """Return the settings of an axis's position control as numbers that can be changed."""
+        """Return the settings of an axis's position control as a draft."""
         settings = self.device.servo(axis)
-        draft, gave = self._drafts.get(axis, (None, None))
-        # they may have been changed beside this conversation
-        return ServoDraft(settings) if draft is None or gave != settings else copy.deepcopy(draft)
+        draft, applied = self._drafts.get(axis, (None, None))
+        # another program may have changed the settings
+        return (
+            ServoDraft(settings) if draft is None or applied != settings else copy.deepcopy(draft)
+        )
 
     def apply_draft(self, axis: str, draft: ServoDraft) -> None:
         """Change the settings of an axis's position control."""
@@ -298,7 +302,7 @@ class ControllerState:
     # time -----------------------------------------------------------------------------------
 
     def pass_time(self, seconds: float) -> Iterator[str]:
-        """Let simulated time [s] pass in pieces, between which other clients are heard."""
+        """Let simulated time [s] pass in pieces, between which other clients are served."""
         left = seconds
         while left > 0.0:
             piece = min(left, 0.05)

@@ -1,4 +1,4 @@
-"""A GCS controller as seen by its clients: carries out their lines, one at a time."""
+"""Interpreter of the commands of the clients of a simulated GCS controller."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -21,11 +21,11 @@ from flexstage.instruments.pi.simulated.commands_motion import MOTION, halt, mov
 from flexstage.instruments.pi.simulated.commands_tables import RECORDER, WAVES, running_bits
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
-from flexstage.instruments.pi.simulated.gcs_state import OWN, ControllerModel, ControllerState
+from flexstage.instruments.pi.simulated.gcs_state import GENERIC, ControllerModel, ControllerState
 
-#: Answer to ``#7``: always ready; a controller that is not says 0xB0.
+#: Answer to ``#7``: always ready; 0xB0 would mean not ready.
 _READY = "\xb1"
-#: Characters that are commands of their own, as they are listed.
+#: Single-character commands, as they are listed.
 _CHARACTERS = (
     "#4 Request Status Register",
     "#5 Request Motion Status",
@@ -41,20 +41,21 @@ _OF_VOLTAGES = frozenset(
 
 
 class Interpreter:
-    """Carries out commands of GCS 2.0 on a simulated controller, for any number of clients.
+    """Interpreter of GCS 2.0 for a simulated controller, with any number of clients.
 
-    All of them may command, as at a real controller, and each has an error number of its own. With
-    `hold` one client is in control: the first that gives a command that moves or changes something,
-    until its session ends. From the others such commands are refused (error 1005, busy); they may
-    read everything, and stop the motion. When the client in control leaves, the stage holds where
-    it is (a motion or waveform that runs goes on to its end), and the next one may take control.
+    All clients may send commands, as with a real controller, and each has its own error number.
+    With `hold` one client has exclusive control: the first that sends a command which moves or
+    changes something, until its session ends. Such commands of other clients are refused (error
+    1005, busy); they may read everything, and stop the motion. When the client in control
+    disconnects, the stage holds its position (a running motion or waveform continues to its end),
+    and the next client may take control.
 
     Notes
     -----
     Validity: the commands that ``HLP?`` lists, with positions in um and voltages in V. Error
-    numbers are those of the command set; which of them a controller of a given type and firmware
-    gives where several fit is not documented by its maker, and may differ. Real controllers keep
-    parameters over a reboot where they are told to; this one does not.
+    numbers are those of the command set. The manufacturer does not document which number a real
+    controller reports where several apply. Real controllers can store parameters permanently; this
+    one does not.
     """
 
     def __init__(
@@ -62,22 +63,22 @@ class Interpreter:
         device: VirtualController,
         pace: Pace,
         *,
-        model: ControllerModel = OWN,
+        model: ControllerModel = GENERIC,
         hold: bool = False,
     ) -> None:
-        #: The controller with its stage, and how time passes.
+        #: The controller with its stage, and its pace of time.
         self.device, self.pace = device, pace
         self._state = ControllerState(device, pace, model)
         self._state.delivered = delivered(self._state)
         self._clients: list[Client] = []
         self._hold = hold
-        #: Those that have given a command that moves or changes something, in their order.
+        #: Clients that have sent a command which moves or changes something, in their order.
         self._commanding: list[Client] = []
-        #: Who gives the command that is carried out; the lock is held.
+        #: Client of the present command; the lock is held.
         self._client: Client
         self._macros = Macros(self.line)
         commands = (*self._of_sessions(), *IDENTITY, *MOTION, *RECORDER, *WAVES)
-        # a controller of motors does not know the commands of voltages
+        # a controller of motors has no commands of voltages
         unknown = model.lacks if self._state.outputs else model.lacks | _OF_VOLTAGES
         #: The commands by name.
         self.commands: Mapping[str, GcsCommand] = {
@@ -88,33 +89,33 @@ class Interpreter:
 
     @property
     def in_control(self) -> Client | None:
-        """The session that holds control."""
+        """The session with exclusive control."""
         return self._commanding[0] if self._hold and self._commanding else None
 
     def reached_at(self, host: str, port: int) -> None:
-        """Take note of where clients reach the controller."""
+        """Set the address of the controller."""
         self._state.host, self._state.port = host, port
 
     def join(self, client: Client) -> None:
-        """Welcome a client."""
+        """Add a client."""
         with self.pace.lock:
             self._clients.append(client)
 
     def leave(self, client: Client) -> None:
-        """Let a client go; if it was in control, another one may be."""
+        """Remove a client; another one may take control."""
         with self.pace.lock:
             self._clients = [other for other in self._clients if other is not client]
             self._macros.leave(client)
             self._commanding = [other for other in self._commanding if other is not client]
 
     def stop(self, client: Client) -> None:
-        """Stop all axes at once, as ``#24`` does; whoever has given commands is told, too."""
+        """Stop all axes immediately, as ``#24`` does; other commanding clients get an error."""
         with self.pace.lock:
             self._attempt(client, lambda: halt(self._state))
             self._tell_others(client)
 
     def character(self, client: Client, byte: int) -> Reply:
-        """Carry out a command of one character.
+        """Carry out a single-character command.
 
         4: status register; 5: which axes move; 7: ready; 9: which wave generators run.
         """
@@ -127,8 +128,8 @@ class Interpreter:
     def line(self, client: Client, text: str, *, stopped: bool = False) -> Reply:
         """Carry out a line, without its end.
 
-        Where it was given before motion was `stopped`, it starts none. The answer is lines; or
-        pieces of its text, to be made one after the other without a lock; or nothing.
+        A line that was sent before motion was `stopped` starts no motion. The answer is lines, or
+        pieces of text that are generated without a lock, or nothing.
         """
         words = text.split(" ")
         if "" in words:
@@ -173,9 +174,9 @@ class Interpreter:
         poll: bool = False,
         error: bool | None = None,
     ) -> Reply:
-        """Bring the device to now and do something, with errors turned into numbers.
+        """Advance the device to the present time and act, with errors as numbers.
 
-        It is a line where it is said whether it asks for an `error`.
+        For a line, `error` is whether it asks for the error.
         """
         try:
             if error:
@@ -200,10 +201,7 @@ class Interpreter:
                 other.error = Refusal.STOPPED
 
     def _of_sessions(self) -> tuple[GcsCommand, ...]:
-        """Return the commands that ask for, or change, what belongs to the client who gives them.
-
-        And those that need the list of all commands.
-        """
+        """Return the commands that use the session of the client, or the list of all commands."""
         return (
             GcsCommand("CCL", "<Level> [<PSWD>]", "Set Command Level", self._set_level, free=True),
             question("CCL?", "", "Get Command Level", lambda *_: self._client.level),
@@ -237,23 +235,23 @@ class Interpreter:
         return ["The following commands are valid:", *_CHARACTERS, *listed, "end of help"]
 
 
-#: Most characters of all macros, and longest name.
+#: Largest number of characters of all macros, and of a name.
 _ROOM, _NAME = 1 << 16, 8
-#: How deep macros may start each other.
+#: Largest nesting depth of macros.
 _DEPTH = 5
 
 
 class Macros:
-    """Keeps macros, and carries them out line by line, at once."""
+    """Memory of macros, which are carried out line by line, immediately."""
 
     def __init__(self, carry_out: Callable[[Client, str], object]) -> None:
         self._carry_out = carry_out
-        self._kept: dict[str, list[str]] = {}
+        self._macros: dict[str, list[str]] = {}
         self._depth = 0
         self._recording: tuple[Client, str, list[str]] | None = None
 
     def takes(self, client: Client, words: Sequence[str]) -> bool:
-        """Keep a line that belongs to a macro which a client writes."""
+        """Store a line of a macro that a client is writing; return whether it is one."""
         if self._recording is None or self._recording[0] is not client:
             return False
         if [word.upper() for word in words] == ["MAC", "END"]:
@@ -266,16 +264,16 @@ class Macros:
         return True
 
     def leave(self, client: Client) -> None:
-        """Forget what a client was writing."""
+        """Discard the macro that a client was writing."""
         if self._recording is not None and self._recording[0] is client:
             self._recording = None
 
     def _size(self) -> int:
         writing = [] if self._recording is None else self._recording[2]
-        return sum(len(line) + 1 for lines in (*self._kept.values(), writing) for line in lines)
+        return sum(len(line) + 1 for lines in (*self._macros.values(), writing) for line in lines)
 
     def call(self, client: Client, words: Sequence[str]) -> Reply:
-        """Begin a macro, end it, delete or start one."""
+        """Begin, end, delete or start a macro."""
         require(words, Refusal.NUMBER_OF_PARAMETERS)
         keyword, names = words[0].upper(), words[1:]
         require(keyword in ("BEG", "DEL", "END", "START"), Refusal.UNKNOWN_MACRO_FUNCTION)
@@ -292,24 +290,24 @@ class Macros:
             require(free, Refusal.MACRO_IS_WRITTEN)
             self._recording = client, name, []
             return None
-        require(name in self._kept, Refusal.UNKNOWN_MACRO)
+        require(name in self._macros, Refusal.UNKNOWN_MACRO)
         if several:
             self._start(client, name, names[1:])
         else:
-            del self._kept[name]
+            del self._macros[name]
         return None
 
     def _end(self, client: Client) -> None:
         if self._recording is None or self._recording[0] is not client:
             raise RefusedError(Refusal.NO_MACRO_IS_WRITTEN)
-        self._kept[self._recording[1]] = self._recording[2]
+        self._macros[self._recording[1]] = self._recording[2]
         self._recording = None
 
     def _start(self, client: Client, name: str, values: Sequence[str]) -> None:
         require(self._depth < _DEPTH, Refusal.MACROS_TOO_DEEP)
         self._depth += 1
         try:
-            for line in tuple(self._kept[name]):
+            for line in tuple(self._macros[name]):
                 self._carry_out(client, _filled(line, values))
         finally:
             self._depth -= 1

@@ -1,4 +1,4 @@
-"""What the data recorder of a controller is to record, and what it has recorded."""
+"""Configuration and records of the data recorder of a controller."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -10,25 +10,25 @@ from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.protocol import Signal
 
-#: Micrometres, and microradians, of the wire in SI.
+#: SI value of micrometres and microradians.
 _MICRO = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class RecordOption:
-    """Something that the data recorder offers."""
+    """A record option of the data recorder."""
 
     kind: str
     """Kind of the signal."""
     text: str
-    """How it is listed."""
+    """Text in the list."""
     source: str
-    """What its source is a number of."""
+    """Kind of its source."""
     unit: str
     """SI unit; that of the sensor for a channel."""
 
 
-#: What can be recorded, by number. From 200 on it is the simulated controller's own.
+#: Record options by number; those from 200 exist only on the simulated controller.
 RECORD_OPTIONS = {
     1: RecordOption("target", "Target Position of axis", "axis", "m"),
     2: RecordOption("position", "Current Position of axis", "axis", "m"),
@@ -42,7 +42,7 @@ _OPTION_OF = {option.kind: number for number, option in RECORD_OPTIONS.items()}
 
 
 class RecordStore:
-    """Tables of the recorder in the terms of the wire.
+    """Tables of the recorder with the numbers and units of the controller.
 
     `outputs` is the axis by output channel, `scale` the SI value of the unit of positions.
     """
@@ -56,21 +56,21 @@ class RecordStore:
     ) -> None:
         self._device, self._axes, self._outputs, self._scale = device, axes, outputs, scale
         self._units = {str(channel.number): channel.unit for channel in device.channels}
-        #: The trigger option, and how many tables are in use.
+        #: The trigger option, and the number of tables in use.
         self.trigger = 0
         self.tables = device.recorder.count
-        #: What the last recording holds, by table, and the step of its samples [s].
-        self.kept: dict[int, Signal] = {}
-        self.kept_step = 0.0
+        #: Signals of the last record, by table, and its sample interval [s].
+        self.recorded_signals: dict[int, Signal] = {}
+        self.sample_step = 0.0
         self._by_client = False
 
     def sources(self, option: RecordOption) -> Iterable[str]:
-        """Return what an option can be recorded of."""
+        """Return the possible sources of an option."""
         known = {"axis": self._axes, "output": self._outputs, "channel": self._units}
         return tuple(known[option.source])
 
     def title(self, signal: Signal) -> str:
-        """Return what a signal that is recorded is called: its option and its source."""
+        """Return the title of a recorded signal: its option and its source."""
         option, source = RECORD_OPTIONS[_OPTION_OF[signal.kind]], signal.source
         if option.source == "output":
             source = next(k for k, axis in self._outputs.items() if axis == source)
@@ -91,44 +91,44 @@ class RecordStore:
         return Signal(kind=option.kind, source=source, name=f"{option.kind} {source}", unit=unit)
 
     def choose(self, table: int, signal: Signal | None) -> None:
-        """Choose what a table of the recorder records; what it has recorded is forgotten.
+        """Select the signal of a table; its record is deleted.
 
-        A recording that runs ends, so that the next one records what was chosen in all tables.
+        A running record ends, so that the next one has the selected signals in all tables.
         """
         self._device.arm_recorder("wave")
         self._device.set_record_signal(table, signal)
-        self.kept.pop(table, None)
+        self.recorded_signals.pop(table, None)
 
     def use(self, tables: int) -> None:
-        """Choose how many tables are in use; those behind them record nothing."""
+        """Set the number of tables in use; the other tables record nothing."""
         require(1 <= tables <= self._device.recorder.count, Refusal.BAD_VALUE)
         for table in range(tables + 1, self._device.recorder.count + 1):
             self.choose(table, None)
         self.tables = tables
 
     def column(self, table: int, first: int, count: int) -> Array:
-        """Return samples of a table in `kept`, counted from 0, in the unit of the wire.
+        """Return samples of a table in `recorded_signals`, counted from 0, in units of the answer.
 
-        These are its unit of positions, um and urad of sensors, V, N, or what answers a blow.
+        These are the unit of positions, um and urad for sensors, V, N, or m/s^2.
         """
         values = np.array(self._device.recorder.read(table, first, count), dtype=np.float64)
-        if self.kept[table].unit in ("m", "rad"):
-            values /= _MICRO if self.kept[table].kind == "channel" else self._scale
+        if self.recorded_signals[table].unit in ("m", "rad"):
+            values /= _MICRO if self.recorded_signals[table].kind == "channel" else self._scale
         return values
 
     def move(self, command: Callable[[], None]) -> None:
-        """Command a motion, which starts the recorder where this is chosen.
+        """Command a motion, which starts the recorder if this trigger is selected.
 
-        Each motion starts it anew, also while it still records the one before.
+        Each motion restarts it, even while it still records the previous one.
         """
         command()
         if self.trigger == 1:
             self.now(by_client=False)
 
     def run(self, command: Callable[[], None]) -> None:
-        """Start a waveform, or strike a blow, which starts the recorder.
+        """Start a waveform, or a hammer impact, which starts the recorder.
 
-        A recording that a client started at a moment of its own is not interrupted.
+        A record that a client has started itself is not interrupted.
         """
         armed = not (self._by_client and self._device.recorder.recording)
         if armed:
@@ -138,16 +138,16 @@ class RecordStore:
             self._keep(by_client=False)
 
     def set_trigger(self, trigger: int) -> None:
-        """Choose what starts the recorder next; a recording that runs ends.
+        """Select the trigger of the recorder; a running record ends.
 
-        What it has recorded can be read until the next start, unless a motion, a command, or this
-        moment is to start it: then the tables are empty until it has, and none is taken for new.
+        The last record can be read until the next start, but only with the default trigger. With
+        other triggers the tables are empty until the start, so that old data are not taken for new.
         """
         self.trigger = trigger
         self._by_client = False
         self._device.arm_recorder("wave")
         if trigger:
-            self.kept = {}
+            self.recorded_signals = {}
         if trigger == 4:
             self.now()
 
@@ -157,10 +157,12 @@ class RecordStore:
         self._keep(by_client=by_client)
 
     def _keep(self, *, by_client: bool) -> None:
-        """Remember what the recording that has begun holds, and at which rate."""
+        """Note the signals and the rate of the record that has started."""
         if self._device.recorder.recording:
             tables = range(1, self._device.recorder.count + 1)
             signals = {table: self._device.recorder.signal(table) for table in tables}
-            self.kept = {table: signal for table, signal in signals.items() if signal is not None}
-            self.kept_step = self._device.recorder.divider / self._device.sample_rate_hz
+            self.recorded_signals = {
+                table: signal for table, signal in signals.items() if signal is not None
+            }
+            self.sample_step = self._device.recorder.divider / self._device.sample_rate_hz
             self._by_client = by_client

@@ -1,4 +1,4 @@
-"""A GCS controller for its clients: bytes in, bytes out; behind a TCP port, any number of them."""
+"""Server of a simulated GCS controller: sessions of bytes, and a TCP port for many clients."""
 
 import logging
 import os
@@ -18,36 +18,35 @@ from flexstage.instruments.pi.simulated.interpreter import Interpreter
 
 _log = logging.getLogger(__name__)
 
-#: Longest line [bytes]; of a longer one nothing is carried out.
+#: Longest line [bytes]; longer ones are not carried out.
 LONGEST_LINE: Final = 65536
 STOP: Final = 24
 _NEWLINE = 10
-#: Characters that are commands wherever they stand, and the end of a line.
+#: Single-character commands, and the end of a line.
 _SPECIAL = re.compile(rb"[\x04\x05\x07\x09\n]")
-#: Characters below 32; those that are no commands are dropped where no line has begun.
+#: Characters below 32; those that are not commands are dropped before the start of a line.
 _CONTROL = bytes(range(32))
 _PRINTABLE = bytes(range(32, 127))
 
 
 class ServerSession:
-    r"""A client.
+    r"""Session of a client.
 
-    Lines end with LF, or CR and LF. The characters 4, 5, 7, 9 and 24 are commands by themselves,
-    wherever they stand; other control characters before a line are dropped, within it they spoil
-    it. Character 24 stops all axes before anything else that came with it: what
-    was given earlier and not yet carried out starts no motion any more (error 10), and a line that
-    was begun is dropped.
+    Lines end with LF, or CR and LF. The characters 4, 5, 7, 9 and 24 are commands at any position;
+    other control characters are dropped before a line, and make a line invalid. Character 24 stops
+    all axes before anything else that arrived with it: earlier commands that are not carried out
+    yet start no motion (error 10), and an incomplete line is dropped.
 
     Examples
     --------
-    A conversation without sockets: ``session.feed(b"SVO? 1\n")`` returns ``b"1=0\n"``.
+    A session without sockets: ``session.feed(b"SVO? 1\n")`` returns ``b"1=0\n"``.
     """
 
     def __init__(self, interpreter: Interpreter) -> None:
         self._interpreter = interpreter
         self._part = bytearray()
         self._dropping = False
-        #: What was given and is still to be carried out: a line or a character, oldest first.
+        #: Pending commands, lines or characters, oldest first.
         self._waiting: deque[bytes | int] = deque()
         self._backlog = 0
         self._stopped = 0
@@ -58,16 +57,16 @@ class ServerSession:
 
     @property
     def busy(self) -> bool:
-        """Whether something is to be carried out, or to be sent."""
+        """Whether commands or answers are pending."""
         return bool(self._waiting) or self._pieces is not None
 
     @property
     def backlog(self) -> int:
-        """Measure of what is to be carried out [bytes]; each line and character counts 64 more."""
+        """Size of the pending commands [bytes]; each command counts 64 more."""
         return self._backlog + 64 * len(self._waiting)
 
     def feed(self, data: bytes) -> bytes:
-        """Take bytes, and return all that is to be said to them."""
+        """Accept bytes, and return the complete answers."""
         self.push(data)
         answer = bytearray()
         while self.busy:
@@ -75,15 +74,15 @@ class ServerSession:
         return bytes(answer)
 
     def stop(self) -> None:
-        """Stop all axes; what was given and not yet carried out starts no motion any more.
+        """Stop all axes; pending commands start no motion.
 
-        Any thread may call this, whatever others do with the session.
+        Any thread may call this at any time.
         """
         self._stopped = len(self._waiting)
         self._interpreter.stop(self)
 
     def push(self, data: bytes) -> None:
-        """Take bytes; a character 24 among them acts at once."""
+        """Accept bytes; a character 24 among them acts immediately."""
         at = data.rfind(STOP)
         if at >= 0:
             self.stop()
@@ -95,9 +94,9 @@ class ServerSession:
         self._take(data[at + 1 :])
 
     def pull(self, commands: int = 1000, size: int = 1 << 16) -> bytes:
-        """Carry out some of what was given, and return what is to be sent.
+        """Carry out pending commands, and return the answers.
 
-        At most so many commands, and no further one where `size` bytes are to be sent already.
+        At most `commands` commands, and no further one after `size` bytes of answers.
         """
         answer = bytearray()
         for _ in range(commands):
@@ -116,19 +115,19 @@ class ServerSession:
         return bytes(answer)
 
     def close(self) -> None:
-        """End the conversation; nothing moves by it, and another client may take control."""
+        """End the session without motion; another client may take control."""
         self._waiting.clear()
         self._backlog = 0
         self._pieces = None
         self._interpreter.leave(self)
 
     def _take(self, data: bytes) -> None:
-        """Cut bytes into lines and characters."""
+        """Split bytes into lines and characters."""
         first = 0
-        for found in _SPECIAL.finditer(data):
-            self._keep(data[first : found.start()])
-            first = found.end()
-            byte = data[found.start()]
+        for special in _SPECIAL.finditer(data):
+            self._keep(data[first : special.start()])
+            first = special.end()
+            byte = data[special.start()]
             if byte == _NEWLINE:
                 self._end_line()
             else:
@@ -157,19 +156,19 @@ class ServerSession:
         self._dropping = False
 
     def _next(self) -> bytes:
-        given = self._waiting.popleft()
+        order = self._waiting.popleft()
         stopped = self._stopped > 0
         self._stopped -= stopped
-        if isinstance(given, int):
-            if given < 0:
+        if isinstance(order, int):
+            if order < 0:
                 self.error = Refusal.TOO_LONG
                 return b""
-            return self._answer(self._interpreter.character(self, given))
-        self._backlog -= len(given)
-        if given.translate(None, _PRINTABLE):
+            return self._answer(self._interpreter.character(self, order))
+        self._backlog -= len(order)
+        if order.translate(None, _PRINTABLE):
             self.error = Refusal.SYNTAX
             return b""
-        return self._answer(self._interpreter.line(self, given.decode("ascii"), stopped=stopped))
+        return self._answer(self._interpreter.line(self, order.decode("ascii"), stopped=stopped))
 
     def _answer(self, reply: Reply) -> bytes:
         if reply is None:
@@ -181,16 +180,16 @@ class ServerSession:
 
 
 _READ: Final = 1 << 16
-#: Commands of a client that are carried out before it is the turn of the next.
+#: Number of commands of a client before the next client is served.
 _TURN: Final = 8
-#: Clients that may wait to be taken on.
+#: Length of the queue of new connections.
 _WAITING: Final = 128
-#: Answers that are made before a client has read the last ones, and orders that are taken [bytes].
+#: Largest sizes of unread answers and of pending commands of a client [bytes].
 _ANSWERS, _ORDERS = 1 << 18, 1 << 20
-#: A client that is gone raises, and does not end the process by SIGPIPE, also where a library has
-#: given that signal back its default.
+#: A lost client raises an error instead of ending the process by SIGPIPE, even where a library has
+#: restored the default of that signal.
 _QUIETLY = getattr(socket, "MSG_NOSIGNAL", 0)
-#: What goes wrong in a simulation that is not foreseen: the client is sent away, the others stay.
+#: Unexpected errors of a simulation: only this client is disconnected.
 _UNFORESEEN = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
 
 
@@ -199,41 +198,41 @@ class _Connection:
     socket: socket.socket
     session: ServerSession
     answers: bytearray = field(default_factory=bytearray)
-    #: When the client last took something, or had nothing to take.
+    #: Time at which the client last read answers, or had none to read.
     moved_on: float
     ended: bool = False
 
 
 def reserve(host: str, port: int) -> socket.socket:
-    """Take a port, any free one for 0, and answer nobody there until a server listens at it."""
+    """Reserve a port, any free one for 0; connections are accepted once a server listens."""
     host.encode("idna")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    taken = socket.socket(family, socket.SOCK_STREAM)
+    listener = socket.socket(family, socket.SOCK_STREAM)
     try:
-        if os.name == "posix":  # elsewhere it would let two servers share a port
-            taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if family == socket.AF_INET6:  # an address of one kind is not one of the other
-            taken.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        taken.bind((host, port))
+        if os.name == "posix":  # elsewhere two servers could share a port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:  # an IPv6 address does not accept IPv4
+            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        listener.bind((host, port))
     except BaseException:
-        taken.close()
+        listener.close()
         raise
-    return taken
+    return listener
 
 
 class GcsServer:
-    """Listens for clients of a GCS controller.
+    """TCP server of a GCS controller.
 
-    Whoever reaches the host can move the stage; the default is reached from this computer only. A
-    port of 0 is any that is free; a listener, a socket of `reserve`, stands for both and is closed
-    by the server. A client too many is sent away, and so is one that does not take its answers for
-    `patience` [s].
+    Every program that can reach the host can move the stage; the default host is reachable from
+    this computer only. Port 0 is any free port; a listener, a socket of `reserve`, replaces both
+    and is closed by the server. The server disconnects excess clients, and clients that do not read
+    their answers for `patience` [s].
 
     Notes
     -----
-    When a client leaves, or is sent away, nothing stops: an axis comes to its target and holds it,
-    a waveform runs to its end (an endless one until somebody stops it), as with a real controller.
-    A client that sends faster than it is answered is not read from until it has caught up.
+    Disconnecting a client stops nothing: an axis moves to its target and holds it, and a waveform
+    runs to its end (an endless one until it is stopped), as with a real controller. The server does
+    not read from a client with too many pending commands.
     """
 
     def __init__(
@@ -281,7 +280,7 @@ class GcsServer:
             self._thread.start()
 
     def close(self) -> None:
-        """Send all clients away and end; calling it again changes nothing."""
+        """Disconnect all clients and end; repeated calls have no effect."""
         if self._closing.is_set():
             return
         self._closing.set()
@@ -310,7 +309,7 @@ class GcsServer:
                 self._work(connection, now)
 
     def _wait(self) -> float | None:
-        """Return how long to sleep: not at all where commands wait whose answers have room."""
+        """Return the time to sleep: 0 where commands are pending and can be answered."""
         connections = self._connections.values()
         if any(c.session.busy and len(c.answers) < _ANSWERS for c in connections):
             return 0.0
@@ -322,7 +321,7 @@ class GcsServer:
             link, _ = self._listener.accept()
         except BlockingIOError:
             return
-        except OSError:  # no more sockets to be had: look again when some are given back
+        except OSError:  # no more sockets available: try again later
             self._selector.unregister(self._listener)
             self._deaf_until = self._clock() + 0.1
             return
@@ -331,7 +330,7 @@ class GcsServer:
             return
         link.setblocking(False)
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        # a client whose computer is gone is noticed after some time, and control is free again
+        # detects a client whose computer has disappeared, so that control becomes free again
         link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for option, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
             if hasattr(socket, option):
@@ -343,7 +342,7 @@ class GcsServer:
         self._selector.register(link, selectors.EVENT_READ, connection)
 
     def _exchange(self, connection: _Connection, events: int) -> None:
-        """Read and write what can be read and written."""
+        """Read and write the available data."""
         try:
             if events & selectors.EVENT_READ:
                 data = connection.socket.recv(_READ)
@@ -359,7 +358,7 @@ class GcsServer:
             self._drop(connection)
 
     def _work(self, connection: _Connection, now: float) -> None:
-        """Carry out some of what a client wants, and send what there is to say."""
+        """Carry out commands of a client, and send answers."""
         if connection.socket.fileno() < 0:
             return
         try:
@@ -372,12 +371,12 @@ class GcsServer:
             self._drop(connection)
             return
         except _UNFORESEEN:
-            _log.exception("a client's command broke down; the client is sent away")
+            _log.exception("a client's command failed unexpectedly; the client is disconnected")
             self._drop(connection)
             return
         if not connection.answers:
             connection.moved_on = now
-        # a client may say what it wants, close its side, and still read
+        # a client may close its sending side and still read
         over = connection.ended and not connection.session.busy and not connection.answers
         if over or now - connection.moved_on > self._patience:
             self._drop(connection)

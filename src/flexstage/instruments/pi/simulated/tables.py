@@ -1,6 +1,6 @@
-"""The tables of a simulated controller: records of its signals and of blows, and waveforms.
+"""Tables of a simulated controller: records of signals and hammer impacts, and waveforms.
 
-A waveform runs along straight lines between the samples of a table, cycle by cycle.
+A waveform interpolates the samples of a table linearly, cycle by cycle.
 """
 
 from collections.abc import Callable
@@ -20,9 +20,9 @@ Trigger = Literal["wave", "move", "now"]
 class DataRecorder:
     """Tables that record signals of the loop.
 
-    A recording begins with the sample after its trigger, takes every d-th sample as it is, and goes
-    on until the tables are full, also when the waveform that started it has ended. What is read may
-    be read while it goes on. A trigger starts one recording: it is armed anew for each.
+    A record starts with the sample after its trigger, contains every d-th sample, and continues
+    until the tables are full, even after the end of the waveform that started it. It can be read
+    while it runs. A trigger starts one record, and must be armed again for each.
     """
 
     def __init__(self, count: int, capacity: int) -> None:
@@ -30,13 +30,13 @@ class DataRecorder:
         self.clear()
 
     def clear(self) -> None:
-        """Forget what was recorded and what was to be recorded."""
-        #: What each table is to record, and samples of the loop for one of a record.
+        """Delete the record and its configuration."""
+        #: Signal of each table.
         self.signals: dict[int, Signal] = {}
-        self._kept: dict[int, Signal] = {}
+        self._recorded: dict[int, Signal] = {}
         self._data: dict[int, Array] = {}
-        self._blow: dict[int, Array] = {}
-        self.divider = self._kept_divider = 1
+        self._impact: dict[int, Array] = {}
+        self.divider = self._recorded_divider = 1
         self._armed: Trigger | None = None
         self._by: Trigger | None = None
         self._first = 0
@@ -45,7 +45,7 @@ class DataRecorder:
 
     @property
     def recorded(self) -> int:
-        """Samples of each table that are there."""
+        """Number of recorded samples of each table."""
         return self._filled
 
     @property
@@ -54,69 +54,74 @@ class DataRecorder:
         return self._filled < self._length
 
     def known(self, table: int) -> int:
-        """Return the number of a table, from 1; refuse one that there is not."""
+        """Return the number of a table, from 1; refuse an unknown one."""
         require(1 <= table <= self.count, Refusal.UNKNOWN)
         return table
 
     def signal(self, table: int) -> Signal | None:
-        """Return what a table records; None for nothing."""
+        """Return the signal of a table; None for none."""
         return self.signals.get(self.known(table))
 
     def choose(self, table: int, signal: Signal | None) -> None:
-        """Choose what a table records, from the next trigger on."""
+        """Select the signal of a table, from the next trigger."""
         self.signals.pop(self.known(table), None)
         if signal is not None:
             self.signals[table] = signal
 
     def set_divider(self, divider: int) -> None:
-        """Choose the rate, from the next trigger on."""
+        """Set the rate, from the next trigger."""
         require(divider >= 1, Refusal.BAD_VALUE)
         self.divider = divider
 
     def arm(self, trigger: Trigger) -> None:
-        """Wait for a trigger; a recording that runs is ended."""
+        """Wait for a trigger; a running record ends."""
         self._length = self._filled
         self._armed = trigger
 
     def trigger(
-        self, what: Trigger, sample: int, blow: Callable[[str, str], Array] | None = None
+        self, what: Trigger, sample: int, impact: Callable[[str, str], Array] | None = None
     ) -> None:
-        """Start with this sample of the loop if it was armed for what happens.
+        """Start with this sample of the loop if the recorder is armed for this trigger.
 
-        `blow` gives samples of a blow, at the rate of the record, by kind and source of the signal.
+        `impact` returns samples of an impact, at the rate of the record, by kind and source of the
+        signal.
         """
         if self._armed != what:
             return
         self._armed, self._by = None, what
         self._first, self._filled = sample, 0
-        self._kept, self._kept_divider = dict(self.signals), self.divider
-        self._length = self.capacity if self._kept else 0
-        self._data = {table: np.zeros(self._length) for table in self._kept}
-        self._blow = {}
-        if blow is not None:
-            given = {table: blow(s.kind, s.source) for table, s in self._kept.items() if _struck(s)}
-            self._length = min([self._length, *(v.size for v in given.values())])
-            self._blow = given
+        self._recorded, self._recorded_divider = dict(self.signals), self.divider
+        self._length = self.capacity if self._recorded else 0
+        self._data = {table: np.zeros(self._length) for table in self._recorded}
+        self._impact = {}
+        if impact is not None:
+            impacts = {
+                table: impact(s.kind, s.source)
+                for table, s in self._recorded.items()
+                if _of_impact(s)
+            }
+            self._length = min([self._length, *(v.size for v in impacts.values())])
+            self._impact = impacts
 
     def end(self, by: Trigger | None = None) -> None:
-        """End a recording that runs; only one that was started by this, where it is given."""
+        """End a running record; with `by`, only a record with this trigger."""
         if by is None or by == self._by:
             self._length = self._filled
 
     def take(self, first: int, count: int, values: Callable[[Signal], Array]) -> None:
-        """Keep what belongs to a recording that runs, of the loop's samples from `first` on."""
+        """Store samples of the loop, from number `first`, in a running record."""
         if not self.recording:
             return
-        d = self._kept_divider
+        d = self._recorded_divider
         start = self._first + self._filled * d - first
         new = min(len(range(start, count, d)), self._length - self._filled)
         if not new:
             return
         to = slice(self._filled, self._filled + new)
-        for table, signal in self._kept.items():
-            if table in self._blow:
-                self._data[table][to] = self._blow[table][to]
-            elif not _struck(signal):
+        for table, signal in self._recorded.items():
+            if table in self._impact:
+                self._data[table][to] = self._impact[table][to]
+            elif not _of_impact(signal):
                 self._data[table][to] = values(signal)[start : start + (new - 1) * d + 1 : d]
         self._filled += new
 
@@ -127,17 +132,17 @@ class DataRecorder:
         return self._data[table][first : first + count].copy()
 
 
-def _struck(signal: Signal) -> bool:
+def _of_impact(signal: Signal) -> bool:
     return signal.kind in ("force", "response")
 
 
 def resampled(values: Array, from_hz: float, to_hz: float) -> Array:
-    """Return a decaying record at another rate, by its Fourier series; the first sample stays.
+    """Return a decaying record at another rate, by its Fourier series, from the same first sample.
 
     Notes
     -----
-    What lies below half of both rates is kept as it is, and what lies above is left out. Validity:
-    a record that does not begin and end at 0 rings at its ends.
+    The content below half of both rates is unchanged, and above it is removed. Validity: a record
+    that does not start and end at 0 rings at its ends.
 
     Examples
     --------
@@ -148,24 +153,24 @@ def resampled(values: Array, from_hz: float, to_hz: float) -> Array:
     (800, 1.0)
     """
     ratio = Fraction(to_hz / from_hz).limit_denominator(10**5)
-    # whole periods at both rates: zeros behind the record
+    # an integer number of periods at both rates, by zeros after the record
     padded = np.zeros(-(-values.size // ratio.denominator) * ratio.denominator)
     padded[: values.size] = values
     size = padded.size * ratio.numerator // ratio.denominator
     spectrum = np.fft.rfft(padded)
-    kept = np.zeros(size // 2 + 1, dtype=np.complex128)
-    below = (min(padded.size, size) + 1) // 2  # what is below both Nyquist frequencies
-    kept[:below] = spectrum[:below]
-    out = np.fft.irfft(kept, n=size) * (size / padded.size)
+    spectrum_out = np.zeros(size // 2 + 1, dtype=np.complex128)
+    below = (min(padded.size, size) + 1) // 2  # lines below both Nyquist frequencies
+    spectrum_out[:below] = spectrum[:below]
+    out = np.fft.irfft(spectrum_out, n=size) * (size / padded.size)
     return out[: max(1, int(values.size * ratio))]
 
 
 class WaveTables:
-    """The memory of a wave generator: tables, and a capacity [samples] over all of them."""
+    """The memory of a wave generator: tables with a common capacity [samples]."""
 
     def __init__(self, count: int, capacity: int) -> None:
         self.count, self.capacity = count, capacity
-        #: What was appended, to be joined when it is read, and how many samples that is.
+        #: Appended parts, which are joined when they are read, and their numbers of samples.
         self._parts: dict[int, list[Array]] = {}
         self._sizes: dict[int, int] = {}
 
@@ -175,53 +180,53 @@ class WaveTables:
         self._sizes.clear()
 
     def known(self, table: int) -> int:
-        """Return the number of a table, from 1; refuse one that there is not."""
+        """Return the number of a table, from 1; refuse an unknown one."""
         require(1 <= table <= self.count, Refusal.UNKNOWN)
         return table
 
     def samples(self, table: int) -> Array:
-        """Return the samples of a table, not to be written to; none of an empty one."""
+        """Return the samples of a table, read-only; empty for an empty table."""
         parts = self._parts.get(self.known(table), [_EMPTY])
         if len(parts) > 1:
             parts[:] = [_fixed(np.concatenate(parts))]
         return parts[0]
 
     def size(self, table: int) -> int:
-        """Return how many samples a table has."""
+        """Return the number of samples of a table."""
         return self._sizes.get(self.known(table), 0)
 
     def room(self, table: int) -> int:
-        """Return how many samples a table can have beside the others."""
+        """Return the largest possible number of samples of a table."""
         return self.capacity - sum(self._sizes.values()) + self._sizes.get(table, 0)
 
     def replace(self, table: int, samples: Array) -> None:
-        """Replace the samples of a table; none clear it."""
+        """Replace the samples of a table; an empty array clears it."""
         new = self._checked(table, samples, 0)
         self._parts[table], self._sizes[table] = [new], new.size
 
     def append(self, table: int, samples: Array) -> None:
-        """Add samples to those of a table; the time that it takes does not grow with these."""
-        held = self.size(table)
-        new = self._checked(table, samples, held)
+        """Append samples to a table, in a time that does not depend on its size."""
+        present = self.size(table)
+        new = self._checked(table, samples, present)
         self._parts.setdefault(table, []).append(new)
-        self._sizes[table] = held + new.size
+        self._sizes[table] = present + new.size
 
-    def _checked(self, table: int, samples: Array, held: int) -> Array:
-        """Return samples that may stand behind those that are held."""
+    def _checked(self, table: int, samples: Array, present: int) -> Array:
+        """Return samples that may follow the present number of samples."""
         self.known(table)
         new = np.array(samples, dtype=np.float64).reshape(-1)
         require(np.isfinite(new).all(), Refusal.BAD_VALUE)
-        require(held + new.size <= self.room(table), Refusal.TABLE_FULL)
+        require(present + new.size <= self.room(table), Refusal.TABLE_FULL)
         return _fixed(new)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WaveRun:
-    """A waveform that runs.
+    """A running waveform.
 
-    A table of L samples at a divider d takes L d samples of the loop a cycle. Straight lines join
-    its samples, and the last one to the first of the next cycle; the last cycle ends with its last
-    sample, which is held.
+    A table of L samples with a divider d has L d samples of the loop per cycle. Interpolation is
+    linear between its samples, and from the last one to the first of the next cycle; the last cycle
+    ends with its last sample, which is held.
 
     Examples
     --------
@@ -233,17 +238,17 @@ class WaveRun:
     """
 
     first: int
-    """Number of the loop's sample with which it begins."""
+    """Number of its first sample of the loop."""
     table: Array
     """Samples [m, or V], shape (L,)."""
     divider: int
     """Samples of the loop for one of the table."""
     cycles: int
-    """How often it runs; 0 for endlessly."""
+    """Number of cycles; 0 for endless."""
     feedforward: Array | None = None
-    """Voltages beside it [V], shape (L,); they end with the waveform."""
+    """Feedforward voltages [V], shape (L,); they end with the waveform."""
     shift: float = 0.0
-    """How much further each cycle begins than the one before [m, or V]."""
+    """Shift of each cycle from the previous one [m, or V]."""
 
     @property
     def end(self) -> float:
@@ -252,22 +257,22 @@ class WaveRun:
 
     @property
     def last(self) -> int | None:
-        """Number of the last sample of the loop that belongs to it; None if it runs endlessly."""
+        """Number of its last sample of the loop; None if it is endless."""
         if not self.cycles:
             return None
         return self.first + self.cycles * self.table.size * self.divider - 1
 
     def running(self, sample: int) -> bool:
-        """Say whether it still runs."""
+        """Return whether it still runs."""
         last = self.last
         return last is None or sample < last
 
     def values(self, first: int, count: int) -> Array:
-        """Return values [m, or V] at samples of the loop, from `first`, not before its own."""
+        """Return values [m, or V] at samples of the loop, from `first`, not before the start."""
         return self._along(self.table, first, count, self.shift)
 
     def voltages(self, first: int, count: int) -> Array:
-        """Return voltages [V] beside it, as `values`; NaN where there are none."""
+        """Return feedforward voltages [V], like `values`; NaN where there are none."""
         if self.feedforward is None:
             return np.full(count, np.nan)
         values = self._along(self.feedforward, first, count)

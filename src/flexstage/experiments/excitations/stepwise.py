@@ -1,4 +1,4 @@
-"""Rests: levels with ways between them, targets as of ISO 230-2, one place, corners of two axes."""
+"""Stepwise excitations: levels, targets of ISO 230-2, one position, corners of two axes."""
 
 import itertools
 import math
@@ -28,7 +28,7 @@ from flexstage.quantities.units import Length, Time, Voltage
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RisingSteps(Excite):
-    """Small equal steps upwards, with a rest on each level."""
+    """Small equal upward steps, with a dwell on each level."""
 
     kind: ClassVar[str] = "staircase"
 
@@ -37,24 +37,24 @@ class RisingSteps(Excite):
     step: Annotated[Voltage, SOME] | None = None
     """Height of a step of a piezo stack [V]."""
     advance: Annotated[Length, Range(low=TINY, high=1.0)] | None = None
-    """Height of a step of a screw, or of a position under control [m]; the smallest step of the
-    screw where not given.
+    """Height of a step of a screw, or of a position under control [m] (default: the smallest step
+    of the screw).
     """
     levels: Annotated[int, Range(low=3, high=1e6)] = 20
-    """How many levels."""
+    """Number of levels."""
     dwell: Annotated[Time, SOME] = 0.2
-    """Time on each [s]."""
+    """Time on each level [s]."""
     at: Share = 0.5
-    """Where in the range it begins, as a share [1]."""
+    """First level, as a fraction of the range [1]."""
     settle: Annotated[Time, NONE_OR_SOME] = 2.0
-    """Time at its beginning before it is recorded, while creep fades [s]."""
+    """Settling time before the record, for creep [s]."""
     closed_loop: bool = False
-    """Whether positions are commanded under control, and not voltages."""
+    """Command positions under control instead of voltages."""
 
     def __post_init__(self) -> None:
         Excite.__post_init__(self)
         if self.step is not None and self.advance is not None:
-            raise PlanError("staircase has a step in volts or an advance in metres, got both")
+            raise PlanError("staircase needs a step in volts or an advance in metres, got both")
 
     def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
         del base
@@ -69,18 +69,18 @@ class RisingSteps(Excite):
         if top > s.high * (1.0 + 1e-12):
             raise PlanError(
                 f"the staircase of axis '{s.axis}' would end at {_text(top, s)}, and its range "
-                f"ends at {_text(s.high, s)}: begin lower, or take smaller or fewer steps"
+                f"ends at {_text(s.high, s)}: start lower, or use smaller or fewer steps"
             )
         levels = s.place(self.at) + height * np.arange(self.levels, dtype=np.float64)
-        samples, wait = rests(self.kind, s, levels, self.dwell, fs, self.settle)
+        samples, wait = dwells(self.kind, s, levels, self.dwell, fs, self.settle)
         return command_of(s, samples, fs, first=wait)
 
 
-def rests(
+def dwells(
     kind: str, s: AxisSetting, levels: Array, dwell: float, fs: float, settle: float = 0.0
 ) -> tuple[Array, int]:
-    """Return samples of rests with straight ways between them, and those that settle before."""
-    # a step from level to level lasts this long, or longer where the limits ask for it [s]
+    """Return samples of dwells with linear moves between them, and the number that settle."""
+    # duration of a step between levels, longer where the limits require it [s]
     step_time = 5e-3
     rest = max(round(dwell * fs), 4)
     wait = round(settle * fs)
@@ -103,7 +103,7 @@ def _text(value: float, s: AxisSetting) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BidirectionalTargets(Excite):
-    """Targets that are gone to from both sides."""
+    """Targets that are approached from both sides."""
 
     kind: ClassVar[str] = "positioning"
     closed_loop: ClassVar[bool] = True
@@ -111,57 +111,57 @@ class BidirectionalTargets(Excite):
     axis: str
     """The axis, of a screw, or of a piezo stack with position control."""
     targets: Annotated[int, Range(low=3, high=1e6)] = 11
-    """How many."""
+    """Number of targets."""
     rounds: Annotated[int, Range(low=2, high=1e6)] = 3
-    """How often there and back."""
+    """Number of cycles, forwards and back."""
     dwell: Annotated[Time, SOME] = 0.2
-    """Time on each [s]; longer where the way from one to the next takes long."""
+    """Time on each target [s]; longer where the move between targets takes long."""
     low: float = 0.05
-    """First target, as a share of the range [1]."""
+    """First target, as a fraction of the range [1]."""
     high: float = 0.95
-    """Last target, as a share of the range [1]."""
+    """Last target, as a fraction of the range [1]."""
 
     def __post_init__(self) -> None:
         Excite.__post_init__(self)
         require_span(self.kind, self.low, self.high)
 
     def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
-        # a rest lasts so much longer than the way to it, at least
-        rest_over_way = 1.5
+        # smallest ratio of a dwell to the move before it
+        dwell_over_move = 1.5
         del base
         s = settings[0]
         if s.quantity != "position":
             raise PlanError(f"targets are positions, and axis '{s.axis}' is commanded by voltage")
         rise = np.linspace(s.place(self.low), s.place(self.high), self.targets)
-        # one level beyond each end, so that the end targets too are gone to from both sides
+        # one level beyond each end, so that the end targets are approached from both sides too
         beyond = 0.5 * min(self.low, 1.0 - self.high, 0.1) * (s.high - s.low)
         first, last = rise[0] - beyond, rise[-1] + beyond
         once = np.concatenate(([first], rise, [last], rise[::-1]))
         dwell = self.dwell
         if s.largest_rate is not None:
-            # it is told from a ramp by resting for most of the time
-            dwell = max(dwell, rest_over_way * (rise[1] - rise[0]) / (OF_RATE * s.largest_rate))
+            # dwells for most of the time distinguish the command from a ramp
+            dwell = max(dwell, dwell_over_move * (rise[1] - rise[0]) / (OF_RATE * s.largest_rate))
         require_size(once.size * self.rounds * dwell * fs, self.kind)
-        samples, _ = rests(self.kind, s, np.append(np.tile(once, self.rounds), first), dwell, fs)
+        samples, _ = dwells(self.kind, s, np.append(np.tile(once, self.rounds), first), dwell, fs)
         return command_of(s, samples, fs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Hold(Excite):
-    """Rest in one place."""
+class Dwell(Excite):
+    """Dwell at one position."""
 
-    kind: ClassVar[str] = "hold"
+    kind: ClassVar[str] = "dwell"
 
     axis: str
     """The axis."""
     at: Share = 0.5
-    """Where in the range, as a share [1]."""
+    """Position, as a fraction of the range [1]."""
     duration: Annotated[Time, SOME] = 4.0
-    """How long it is recorded [s]."""
+    """Duration of the record [s]."""
     settle: Annotated[Time, NONE_OR_SOME] = 2.0
-    """Time before, while creep fades [s]."""
+    """Settling time before the record, for creep [s]."""
     closed_loop: bool = False
-    """Whether it is held under position control."""
+    """Hold the position under control instead of a voltage."""
 
     def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
         del base
@@ -172,35 +172,35 @@ class Hold(Excite):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Corners(Excite):
-    """The four corners of the workspace, anticlockwise from low and low, again and again."""
+class WorkspaceCorners(Excite):
+    """The four corners of the workspace, anticlockwise from low and low, repeatedly."""
 
-    kind: ClassVar[str] = "corners"
-    corners: ClassVar[bool] = True
+    kind: ClassVar[str] = "workspace-corners"
+    visits_corners: ClassVar[bool] = True
 
     axes: tuple[str, str] = ("x", "y")
     """The two axes."""
     rounds: Annotated[int, Range(low=2, high=1e6)] = 4
-    """How often they are gone round."""
+    """Number of rounds, after one conditioning round."""
     dwell: Annotated[Time, SOME] = 0.2
-    """Time at each, the last half of which is averaged [s]."""
+    """Time at each corner, of which the last half is averaged [s]."""
     travel: Annotated[Time, SOME] = 0.2
     """Time from one corner to the next [s]."""
     low: float = 0.0
-    """Low end, as a share of the range [1]."""
+    """Low end, as a fraction of the range [1]."""
     high: float = 1.0
-    """High end, as a share of the range [1]."""
+    """High end, as a fraction of the range [1]."""
 
     def __post_init__(self) -> None:
         Excite.__post_init__(self)
         require_span(self.kind, self.low, self.high)
         if self.axes[0] == self.axes[1]:
-            raise PlanError(f"corners need two axes, got '{self.axes[0]}' twice")
+            raise PlanError(f"{self.kind} needs two axes, got '{self.axes[0]}' twice")
 
     def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
         del base
         if len({s.quantity for s in settings}) > 1:
-            raise PlanError("corners need two axes that are commanded in the same way")
+            raise PlanError(f"{self.kind} needs two axes with the same commanded quantity")
         rest, way = max(round(self.dwell * fs), 4), max(round(self.travel * fs), 1)
         for s in settings:
             span = s.place(self.high) - s.place(self.low)
@@ -225,7 +225,7 @@ class Corners(Excite):
             sample_rate_hz=fs,
             quantity=settings[0].quantity,
         )
-        # the first round brings both axes into the memory that all later ones share
+        # the first round conditions the hysteresis of both axes
         first = 4 * (rest + way)
         return CommandWaveform(
             waveform=waveform, first=first, reference={}, corner=np.concatenate(number)
