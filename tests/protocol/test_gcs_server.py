@@ -227,7 +227,7 @@ def test_a_blow_is_recorded_only_with_the_drives_out(session):
     assert answers.startswith("1 0x7F000003=1\n1=")
     names = session.feed(b"DRR? 1 2 1 2\n")
     assert b"# NAME0 = Hammer Force [N] at axis 1 \n" in names
-    assert b"# NAME1 = Response to Blow [m/s^2] of axis 1 \n" in names
+    assert b"# NAME1 = Response to Impact [m/s^2] of axis 1 \n" in names
 
 
 def test_reboot_leaves_nothing(session):

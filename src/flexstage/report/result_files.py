@@ -122,7 +122,7 @@ def sensitivity_files(sensitivities: Sensitivities) -> Files:
 
 
 def sweep_csv(sweep: Sweep) -> bytes:
-    """Return all points as text, a line each: variables, figures, and why it is no stage.
+    """Return all points as text, a line each: variables, figures, and the fault of an infeasible one.
 
     Headings have the SI unit in brackets; numbers have the digits that give back the same bits.
     """
@@ -148,10 +148,10 @@ def sweep_parquet(sweep: Sweep) -> bytes:
     import pyarrow as pa
     from pyarrow import parquet
 
-    told = [v.description for v in sweep.variables] + [f.label for f in sweep.figures]
+    descriptions = [v.description for v in sweep.variables] + [f.label for f in sweep.figures]
     fields = [
         pa.field(name, pa.float64(), metadata={"unit": unit, "description": words})
-        for (name, unit), words in zip(sweep.column_units, told, strict=True)
+        for (name, unit), words in zip(sweep.column_units, descriptions, strict=True)
     ]
     about = {"flexstage": json.dumps(sweep.summary(), ensure_ascii=False)}
     numbers = np.hstack((sweep.points, sweep.values)).T
@@ -173,15 +173,17 @@ def samples_csv(study: ToleranceStudy) -> bytes:
     return _csv(heading, map(_numbers, study.values.tolist())).encode()
 
 
-def sensitivity_csv(found: Sensitivities) -> str:
+def sensitivity_csv(sensitivities: Sensitivities) -> str:
     """Return a line for each parameter: its value, the slope of each figure, and its part."""
-    slopes = [f"d {f.name} [{f.display.unit}] / d parameter" for f in found.figures]
-    parts = [f"d ln {f.name} / d ln parameter" for f in found.figures]
-    columns = np.concatenate((found.slopes, found.elasticities)).T.tolist()
+    slopes = [f"d {f.name} [{f.display.unit}] / d parameter" for f in sensitivities.figures]
+    parts = [f"d ln {f.name} / d ln parameter" for f in sensitivities.figures]
+    columns = np.concatenate((sensitivities.slopes, sensitivities.elasticities)).T.tolist()
     rows = (
         [name, repr(variable.usual), variable.si_unit, *_numbers(numbers)]
-        for variable, alike, numbers in zip(found.variables, found.equivalent, columns, strict=True)
-        for name in alike
+        for variable, equivalent, numbers in zip(
+            sensitivities.variables, sensitivities.equivalent, columns, strict=True
+        )
+        for name in equivalent
     )
     return _csv(["parameter", "value", "unit", *slopes, *parts], rows)
 

@@ -240,7 +240,7 @@ def _line(curve: int, rounded: int) -> Array:
 
 #: Trigger options of the recorder, by number.
 _TRIGGERS = {
-    0: "default setting: start of a waveform, or a blow",
+    0: "default setting: start of a waveform, or an impact",
     1: "any command changing target position or open-loop voltage, too",
     2: "next command, with reset to 0",
     4: "immediately",
@@ -267,7 +267,7 @@ def _options(state: ControllerState, _: None) -> Reply:
         "#Additional information",
         f"{state.recorder.tables} record tables (TNR?)",
         f"{state.device.recorder.capacity} points in each record table",
-        f"Positions are in {state.model.unit}, sensors in um and urad, blows in N and m/s^2",
+        f"Positions are in {state.model.unit}, sensors in um and urad, impacts in N and m/s^2",
         "#Sources for Record Options",
         *(f"{number}={' '.join(sources[number])}" for number in offered),
         "end of help",

@@ -36,7 +36,7 @@ RECORD_OPTIONS = {
     7: RecordOption("voltage", "Control Voltage of output chan", "output", "V"),
     20: RecordOption("channel", "Sensor mech.linear of input chan", "channel", ""),
     200: RecordOption("force", "Hammer Force [N] at axis", "axis", "N"),
-    201: RecordOption("response", "Response to Blow [m/s^2] of axis", "axis", "m/s^2"),
+    201: RecordOption("response", "Response to Impact [m/s^2] of axis", "axis", "m/s^2"),
 }
 _OPTION_OF = {option.kind: number for number, option in RECORD_OPTIONS.items()}
 
