@@ -122,7 +122,7 @@ def sensitivity_files(sensitivities: Sensitivities) -> Files:
 
 
 def sweep_csv(sweep: Sweep) -> bytes:
-    """Return all points as text, a line each: variables, figures, and the fault of an infeasible one.
+    """Return all points as text, a line each: variables, figures, the fault of an infeasible one.
 
     Headings have the SI unit in brackets; numbers have the digits that give back the same bits.
     """

@@ -325,7 +325,7 @@ class SofteningFit:
             # what a change of each gain does
             forced = drives.strength * force
             d_gain = (state.closed_loop[r] @ state.elongation) * forced[:, None, :]
-            loops[r] = np.einsum("li,lik->ik", np.conj(force), d_gain).real
+            loops[r] = np.einsum("li,lij->ij", np.conj(force), d_gain).real
             loops[r] /= state.sigma[r][:, None]
             directs[r] = np.einsum("li,pli->ip", np.conj(force), d_force).real
             directs[r] /= state.sigma[r][:, None]
@@ -338,7 +338,7 @@ class SofteningFit:
             derivatives[:, r] = np.einsum("lij,plj->pli", weighted, d_total, optimize=True)
         d_gains = _level_derivatives(drives.exponent, state.sigma, loops, directs)
         for r in range(records):
-            derivatives[:, r] += np.einsum("lik,kp->pli", by_gain[r], d_gains[r], optimize=True)
+            derivatives[:, r] += np.einsum("lij,jp->pli", by_gain[r], d_gains[r], optimize=True)
         # less what the eliminated G takes up
         x = np.moveaxis(state.total, 0, -1) * self._weights
         x_h = np.conj(np.swapaxes(x, 1, 2))
