@@ -140,5 +140,5 @@ def test_a_diagram_has_the_rotation_with_its_unit():
     stage = _with_turns(hinged_bars())
     stage = replace(stage, drives=(replace(stage.drives[0], voltage_range=(0.0, 120.0)),))
     words = [b.meaning for b in stage_diagram(stage).blocks]
-    assert any("rotation that probe bend reads [rad]" in w for w in words)
+    assert any("rotation at probe bend [rad]" in w for w in words)
     assert any("rotation of probe turn [rad or rad/s]" in w for w in words)

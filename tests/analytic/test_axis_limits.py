@@ -75,9 +75,9 @@ def test_the_largest_rate_of_a_repeated_waveform_counts_its_return() -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"values": {}}, "one axis or more"),
+        ({"values": {}}, "at least one axis"),
         ({"values": {"x": np.zeros(3), "y": np.zeros(4)}}, "same number"),
-        ({"values": {"x": np.zeros(1)}}, "2 at least"),
+        ({"values": {"x": np.zeros(1)}}, "at least 2"),
         ({"values": {"x": np.zeros((2, 2))}}, "same number"),
         ({"values": {"x": np.array([0.0, np.nan, 1.0])}}, "at sample 1"),
         ({"sample_rate_hz": 0.0}, "rate"),

@@ -184,5 +184,5 @@ def test_a_turn_behind_a_column_is_a_unit(tmp_path):
     record = read_record(tmp_path / "t.csv", columns=["t turn", "e rev"], over="point")
     assert [c.unit for c in record.channels] == ["rad", "rad"]
     assert record.channel("e rev").values == pytest.approx([np.pi / 2.0, np.pi], rel=1e-15)
-    with pytest.raises(RecordError, match="column 't' is given two units"):
+    with pytest.raises(RecordError, match="column 't' has two units: give one"):
         read_record(tmp_path / "t.csv", columns=["t turn", "t deg"], over="point")

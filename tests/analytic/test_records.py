@@ -564,7 +564,7 @@ def test_wrong_options(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", U)
     refuse(tmp_path / "a.npy", "not a text file", text="skip=2", sample_rate=2.0)
     savemat(tmp_path / "a.mat", {"u": U, "fs": 350.0})
-    refuse(tmp_path / "a.mat", "given as 340 Hz, and 'fs' of the file says 350", sample_rate=340.0)
+    refuse(tmp_path / "a.mat", "340 Hz, conflicts with 'fs' of the file, 350 Hz", sample_rate=340.0)
 
 
 def test_columns_are_found_by_name_and_number() -> None:

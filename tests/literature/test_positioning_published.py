@@ -325,7 +325,7 @@ def test_rows_that_leave_the_side_open() -> None:
         ([1, 2, 3, 3, 3, 2, 1], "stands in rows"),
         ([1, 2, 3, 4, 1, 2, 3, 4], "row 5 begins again at target 1000000 um after 4000000 um"),
         ([4, 3, 2, 1, 4, 3, 2, 1], "row 5 begins again"),
-        ([2, 2, 2, 2], "two targets at least"),
+        ([2, 2, 2, 2], "at least two targets, got one"),
     ):
         with pytest.raises(RecordError, match=said):
             visits(np.array(position, dtype=float))

@@ -144,7 +144,7 @@ def test_limits_that_have_nothing_in_common_are_refused_at_once():
     script = ScriptedController()
     script.volts = (-120.0, -10.0)
     link = InMemory(script)
-    with pytest.raises(ModelError, match="nothing in common"):
+    with pytest.raises(ModelError, match="the ranges do not overlap"):
         PiController.open(InProcess(link), STAGE)
     assert link.closed
 

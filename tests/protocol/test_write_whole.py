@@ -49,7 +49,9 @@ def test_what_is_no_file_stays(tmp_path):
     os.mkfifo(pipe)
     link.symlink_to(pipe)
     for target in (pipe, link):
-        with pytest.raises(RecordError, match=f"{target} cannot be written: it is no regular file"):
+        with pytest.raises(
+            RecordError, match=f"{target} cannot be written: it is not a regular file"
+        ):
             write_whole(target, "a", RecordError)
     with pytest.raises(RecordError, match=f"{tmp_path} cannot be written: it is a directory"):
         write_whole(tmp_path, "a", RecordError)

@@ -317,7 +317,7 @@ def test_a_report_with_decimal_commas_is_no_motion(capsys, tmp_path):
     path = tmp_path / "spheres.txt"
     path.write_bytes(re.sub(rb"(\d)\.(\d)", rb"\1,\2", text.encode()))
     refused(
-        capsys, "over point, and it needs samples with their times|SPH1|column", tmp_path, path,
+        capsys, "over point, and it needs samples with times or a rate", tmp_path, path,
         "--column", "command=SPH1.X", "--column", "along=SPH1.Y",
     )  # fmt: skip
 
@@ -431,7 +431,7 @@ def test_a_stage_without_axes(capsys, tmp_path):
     assert bare != text
     path = tmp_path / "bare.yaml"
     path.write_text(bare)
-    refused(capsys, "names no axis", tmp_path, "--virtual-seed", "1", "--stage", path)
+    refused(capsys, "has no axis", tmp_path, "--virtual-seed", "1", "--stage", path)
     # a measured one can still be set beside its models, which then have nothing to say
     result = found(capsys, loop(tmp_path / "l.csv"), *ROLES, "--stage", path, "--model", "lumped")
     assert len(result["characteristics"]) == 7

@@ -449,7 +449,7 @@ def test_assumed_straightness_is_no_figure_of_the_stage(capsys: pytest.CaptureFi
     assert labelled == {"straightness", "straightness_out_of_plane", "roll", "pitch"}
     rows = {r["quantity"]: r["note"] for r in found.to_dict()["characteristics"]}
     assert rows["straightness"] == "assumed: 0.2 % of the stroke, not measured"
-    assert any("straightness of x and the rotations" in note for note in found.notes)
+    assert any("straightness of x and its rotations" in note for note in found.notes)
     (table,) = (part for part in bench_section(found, "page") if isinstance(part, Table))
     shown = {row[0].text for row in table.rows}
     assert not any("Straightness" in name for name in shown)

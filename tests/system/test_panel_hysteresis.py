@@ -151,7 +151,7 @@ def test_columns_are_found_where_the_file_leaves_no_doubt(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
-        ("two.csv", b"0,1\n", "fewer than two samples"),
+        ("two.csv", b"0,1\n", "needs at least two samples"),
         ("words.csv", b"to be or not to be\nthat is the question\n", "words.csv"),
         ("binary.dat", bytes(range(256)) * 40, "binary.dat"),
         ("cut.h5", b"\x89HDF\r\n\x1a\n\0\0", "cut.h5"),

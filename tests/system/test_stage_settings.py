@@ -79,7 +79,7 @@ def test_those_of_a_file_stand_behind_what_is_set(tmp_path: Path) -> None:
         ({"x.lever_nek": "1 mm"}, StageError, "did you mean 'x.lever_neck'?"),
         ({"colour": "blue"}, StageError, "its parameters are x, y, platform_length"),
         ({"x.lever_neck": "3 deg"}, UnitError, "'deg' is not a unit of length"),
-        ({"x": "3", "x.lever_neck": "3 mm"}, StageError, "all of 'x' as well"),
+        ({"x": "3", "x.lever_neck": "3 mm"}, StageError, "and all of 'x' are set: set one of them"),
         ({"x.lever_neck": "[3 mm"}, StageError, "the value of 'x.lever_neck', line"),
         ({"x.lever_neck": "&a 3 mm"}, StageError, "anchors such as '&a'"),
     ],

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexstage.report.explored_files import sweep_csv, sweep_parquet
 
 from flexstage.base.errors import ModelError
 from flexstage.lumped import lumped_system
 from flexstage.report.figures.sweep import draw_indices, draw_sweep
+from flexstage.report.result_files import sweep_csv, sweep_parquet
 from flexstage.report.sweep import sweep_html, sweep_notes, sweep_tables
 from flexstage.report.tables import LUMPED_NOTE
 from flexstage.stage.designs import StageTemplate, find_stage
