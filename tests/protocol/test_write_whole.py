@@ -48,10 +48,9 @@ def test_what_is_no_file_stays(tmp_path):
     pipe, link = tmp_path / "pipe", tmp_path / "link"
     os.mkfifo(pipe)
     link.symlink_to(pipe)
+    sentence = "cannot be written: it is not a regular file"
     for target in (pipe, link):
-        with pytest.raises(
-            RecordError, match=f"{target} cannot be written: it is not a regular file"
-        ):
+        with pytest.raises(RecordError, match=f"{target} {sentence}"):
             write_whole(target, "a", RecordError)
     with pytest.raises(RecordError, match=f"{tmp_path} cannot be written: it is a directory"):
         write_whole(tmp_path, "a", RecordError)

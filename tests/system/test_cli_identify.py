@@ -502,9 +502,9 @@ def test_the_record_is_compared_with_the_description_of_the_drive(capsys, text_f
     assert said("V", "um") == []
     (voltage,) = said("mV", "um")
     assert "the voltage range of the drive of axis 'x' of vgtu-piezo is 120 V" in voltage
-    assert "is the unit of the input right" in voltage
+    assert "check the unit of the input" in voltage
     (motion,) = said("V", "mm")
-    assert "is the unit of the output right" in motion
+    assert "check the unit of the output" in motion
     status, _, err = run(capsys, *words[:-3], "--axis", "x")
     assert status == 2
     assert "--axis needs --stage" in err
