@@ -87,7 +87,7 @@ def _result(recognised: "DrawnStage", files: list[Path]) -> dict[str, Any]:
             for hinge, neck in zip(stage.hinges, recognised.necks, strict=True)
         ],
         "blanks": list(recognised.blanks),
-        "left_out": dict(recognised.excluded),
+        "ignored": dict(recognised.excluded),
         "files": [str(f) for f in files],
     }
 
