@@ -58,7 +58,7 @@ def test_what_the_drawing_does_not_say_is_marked(
     assert run("import", drawing, "--json", "--out", "stage.yaml") == 0
     said = json.loads(capsys.readouterr().out)
     assert said["blanks"] == ["thickness", "material", "drives", "probes"]
-    assert said["left_out"]["text"] == 12
+    assert said["ignored"]["text"] == 12
     neck = said["necks"][0]
     assert (neck["profile"], neck["certainty"]) == ("circular", "sure")
     assert neck["neck_thickness"] == pytest.approx(0.5e-3)
