@@ -289,13 +289,13 @@ def moving_necks() -> "Figure":
     from flexstage.report.figures.sensitivity import draw_moving_necks
     from flexstage.stage.designs import StageTemplate
     from flexstage.studies.explore import known_figures, sensitivities
-    from flexstage.studies.explore.figures import usual_figures
+    from flexstage.studies.explore.figures import default_figures
     from flexstage.studies.explore.sensitivity import hinge_variables
 
     template = StageTemplate.of("vgtu-piezo")
     stage = template.stage()
     family = hinge_variables(template, ["*.neck"])
-    return draw_moving_necks(stage, sensitivities(family, usual_figures(known_figures(stage))))
+    return draw_moving_necks(stage, sensitivities(family, default_figures(known_figures(stage))))
 
 
 @cache

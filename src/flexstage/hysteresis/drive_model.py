@@ -271,9 +271,8 @@ def _span(what: str, values: Array, limits: tuple[float, float], unit: str) -> s
         return ""
     reference = f"{readable(unit, size)} of the identification"
     if spread == 0.0:
-        return (
-            f"the {what} is constant at {readable(unit, values[0], digits=5)}, within {reference}"
-        )
+        value, span = readable(unit, values[0], digits=5), readable(unit, size)
+        return f"the {what} is constant at {value}; the identification had a span of {span}"
     much = f"{spread / size:.3g} times" if spread > size else f"1/{size / spread:.3g} of"
     return f"the {what} spans {readable(unit, spread)}, {much} the {reference}: check its unit"
 
