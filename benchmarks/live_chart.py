@@ -33,7 +33,7 @@ _SIZE = {"width": 1280, "height": 800}
 _NOTE = """() => {
   window.ages = [];
   const live = document.querySelector(".live-chart").live;
-  window.noting = setInterval(() => ages.push(Date.now() / 1000 - live.got.newest), 100);
+  window.noting = setInterval(() => ages.push(Date.now() / 1000 - live.latest.newest), 100);
 }"""
 _NOTED = "() => { clearInterval(noting); return ages }"
 _COUNTS = """() => {

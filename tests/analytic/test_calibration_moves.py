@@ -114,7 +114,7 @@ def test_a_magnet_is_centred_from_records_at_known_positions(capsys, bench):
     status, out, _ = run(capsys, *FILES, "--kind", "magnet", "--stage-at", AT)
     assert status == 0
     assert "centre by order 4: x +59." in out
-    assert "no move follows from one record" not in out
+    assert "one record gives no move" not in out
 
 
 @pytest.mark.parametrize(

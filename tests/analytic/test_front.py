@@ -114,7 +114,7 @@ def test_numbers_are_the_same_whatever_the_workers(
     front: Front, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(workers, "_WORTH_SHARING", 0.0)
-    monkeypatch.setattr(workers, "_TRIED", 0.0)
+    monkeypatch.setattr(workers, "_FIRST_ESTIMATE", 0.0)
     with open_workers(2) as two:
         again = find_front(problem(), OPTIONS, two)
         assert two._others is not None, "the work was not shared"

@@ -96,7 +96,7 @@ def test_a_closed_loop_was_run_before(tmp_path: Path, order: int) -> None:
     assert record.sample_rate_hz == pytest.approx(1.0)
     rated = read(tmp_path / "a.csv", output=None, branches="up,down", sample_rate="4 Hz")
     assert rated.sample_rate_hz == pytest.approx(4.0)
-    assert not any("cannot be found" in note for note in rated.notes)
+    assert not any("cannot be identified" in note for note in rated.notes)
 
 
 def test_a_loop_that_begins_at_rest_is_open(tmp_path: Path) -> None:

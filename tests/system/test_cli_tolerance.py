@@ -269,7 +269,7 @@ def test_the_page_says_what_the_description_is_and_no_other_claim_of_it(capsys, 
 
 @pytest.mark.slow
 def test_one_two_and_four_workers_give_the_same_bits(monkeypatch):
-    monkeypatch.setattr("flexstage.studies.explore.workers._TRIED", 0.0)
+    monkeypatch.setattr("flexstage.studies.explore.workers._FIRST_ESTIMATE", 0.0)
     monkeypatch.setattr("flexstage.studies.explore.workers._WORTH_SHARING", 0.0)
     stage = design("vgtu-piezo")
     figures = default_figures(known_figures(stage))

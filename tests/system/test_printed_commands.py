@@ -208,7 +208,7 @@ def reached(folder: Path) -> None:
         assert figures["output_displacement", axis] == pytest.approx(stroke, rel=0.08)
         assert figures["natural_frequency_hz", axis] == pytest.approx(frequency, rel=0.05)
     runs = {
-        (s["name"], r["way"]): (r, s["stroke"])
+        (s["name"], r["mode"]): (r, s["stroke"])
         for s in result["steps"] if s["verb"] == "verify" for r in s["runs"]
     }  # fmt: skip
     for axis in "xy":

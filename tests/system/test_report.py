@@ -219,7 +219,7 @@ def test_motion_across_of_one_reconstruction_is_no_finding() -> None:
     """Another geometry that gives the published figures as well has half of it."""
     study = study_of("vgtu-piezo")
     # 0.11 and 0.20 um were measured
-    compared = SimpleNamespace(own=SimpleNamespace(axis_errors={"x": 0.121e-6, "y": 0.17e-6}))
+    compared = SimpleNamespace(stage=SimpleNamespace(axis_errors={"x": 0.121e-6, "y": 0.17e-6}))
     assert summary(replace(study, traditional=compared)) == summary(study)
 
 

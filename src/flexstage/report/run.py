@@ -57,7 +57,10 @@ def _notes(result: PlanResult) -> Sequence[str]:
         notes.append("Simulated instrument: no value on this page was measured on a real stage.")
     if result.run.note:
         notes.append(f"Note: {result.run.note}")
-    notes += [*result.plan.notes, *(n for n in result.notes if "is a simulation" not in n)]
+    notes += [
+        *result.plan.notes,
+        *(n for n in result.notes if not n.startswith("simulated instrument")),
+    ]
     return tuple(dict.fromkeys(notes))
 
 

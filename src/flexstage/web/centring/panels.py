@@ -35,7 +35,7 @@ class ScaleForm:
     begin
         Called with the source of records to start again.
     changed
-        Called when records are to be evaluate_files again.
+        Called when records are to be evaluated again.
     """
 
     def __init__(
@@ -124,15 +124,13 @@ def figures(
         low, high = (value_and_uncertainty(factor * end, uncertainty)[0] for end in e["interval"])
         value = f"{with_uncertainty(e['value'], e['uncertainty'], factor)} {unit}"
         rows.append(("Eccentricity", value, f"95 %: {low} to {high} {unit}"))
-    if (first := once_per_set_column_kind(turn, radius)) is not None:
+    if (first := once_per_turn(turn, radius)) is not None:
         rows.append(("Error once per turn", f"{with_uncertainty(*first, 1.0)} arcsec", "amplitude"))
     rows.append(("Residual", residual(turn, preferences), "rms"))
     return rows
 
 
-def once_per_set_column_kind(
-    turn: dict[str, Any], radius: float | None
-) -> tuple[float, float] | None:
+def once_per_turn(turn: dict[str, Any], radius: float | None) -> tuple[float, float] | None:
     """Return the amplitude of the once-per-turn error and its standard uncertainty [arcsec].
 
     For a gauge it is the error of a scale with this radius.
@@ -176,7 +174,7 @@ def turns_table(state: CentringState, preferences: Preferences) -> Table:
         if i < len(turns):
             e, first = (
                 turns[i].get("eccentricity"),
-                once_per_set_column_kind(turns[i], state.request.radius),
+                once_per_turn(turns[i], state.request.radius),
             )
             cells = [
                 "–" if e is None else with_uncertainty(e["value"], e["uncertainty"], factor),
