@@ -67,7 +67,7 @@ def test_modes_with_the_drives_in_place_are_told_apart(capsys, done):
     assert len(value.partition(".")[2]) == len(spread.partition(".")[2])
     assert "drives in place" in place
     assert place.split()[-1] == "place"  # and nothing was published of it
-    assert "note: held, feedback: the control kept the settings" in said
+    assert "note: held, feedback: the controller kept its present control settings" in said
 
     result = json.loads((done / "run" / "results.json").read_text())
     assert result["plan"] == "modes"

@@ -136,7 +136,7 @@ def test_superelements_say_much_the_same(capsys: pytest.CaptureFixture[str]) -> 
     rigid, bending = ([p["elasticities"][0] for p in found["parameters"]] for found in both)
     assert rigid == pytest.approx(bending, abs=0.02)
     ways = [found["provenance"]["settings"]["slopes"] for found in both]
-    assert ways[0].startswith("derivatives")
+    assert ways[0].startswith("analytic derivatives")
     assert ways[1].startswith("difference quotients")
     printed = said(capsys, *words[:-1], "--model", "superelement")
     assert "note: slopes are difference quotients" in printed

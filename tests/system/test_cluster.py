@@ -225,7 +225,7 @@ def test_other_versions_are_refused(unharmed, monkeypatch):
 
 def test_a_worker_of_another_version_that_joins_later_is_refused(cluster):
     (cluster.folder / "older.py").write_text(
-        "from flexstage import version\nversion.__version__ = '0.0.9'\n"
+        "from flexstage.base import version\nversion.__version__ = '0.0.9'\n"
     )
     cluster.workers = cluster.start([*cluster.end_workers(), "--preload", "older.py"])
     with (

@@ -138,7 +138,7 @@ def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageSummary) 
     assert way is not None
     goal = way.column("natural_frequency.x")
     assert goal is not None
-    assert goal.values.tolist() == [step.objective for step in found.trace]
+    assert goal.values.tolist() == [step.objective for step in found.history]
     assert samples_table.of_optimum(found, UNITS).values(1) == pytest.approx(
         dict(zip(found.problem.family.names, found.point, strict=True))
     )

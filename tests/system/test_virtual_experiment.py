@@ -109,7 +109,7 @@ def test_the_report_shows_it_beside_what_was_published() -> None:
     study = run_study(design("vgtu-piezo"), parts="identification")
     page = report_html(study)
     assert '<section id="hysteresis">' in page
-    assert "virtual" in page
+    assert "simulated" in page
     assert "x, published, inverse of Bouc-Wen" in page
     assert "within" in page
     results = study.to_dict()["hysteresis"]
