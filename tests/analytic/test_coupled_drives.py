@@ -128,6 +128,18 @@ def test_one_level_gives_a_linear_model_and_says_so() -> None:
     assert result.levels[0].error < 0.01 * result.levels[0].output_rms
 
 
+def test_records_of_one_period_have_no_noise_and_are_all_used() -> None:
+    model, records = coupled_model(), []
+    for seed in range(4):
+        u = multisine(0.2, seed)
+        y, _ = model.simulate(np.tile(u, (8, 1)))
+        records.append(record_of(u, y[-PERIOD:]))
+    result = identify_coupled_drives(records, ["a", "b"], ["x", "y", "z"])
+    assert result.levels[0].records == 4
+    assert np.isnan(result.levels[0].noise)
+    assert result.levels[0].error < 0.01 * result.levels[0].output_rms
+
+
 def test_a_record_that_has_not_settled_is_named_and_not_used() -> None:
     model, records = coupled_model(), list(simulated_records()[:4])
     u = np.tile(multisine(0.2, 0), (2, 1))

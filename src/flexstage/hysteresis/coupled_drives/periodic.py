@@ -80,7 +80,11 @@ class PeriodicSpectra:
 
         Their periods differ by more than three times the median of their level.
         """
-        typical = np.array([np.nanmedian(self.noise[self.level == k]) for k in self.level])
+        typical = np.full(len(self.noise), np.inf)  # a single period tells nothing
+        for k in range(self.levels):
+            known = self.noise[(self.level == k) & np.isfinite(self.noise)]
+            if known.size:
+                typical[self.level == k] = np.median(known)
         return self.noise > _UNSTEADY * typical
 
 
