@@ -20,6 +20,7 @@ from flexstage.hysteresis.coupled_drives.softening import (
     steady_state,
 )
 from flexstage.hysteresis.coupled_drives.state_space import modes_of, subspace_system
+from flexstage.records import Record
 from tests.coupled_records import (
     DAMPING,
     FREQUENCY,
@@ -55,7 +56,7 @@ def test_a_subspace_system_is_the_one_whose_response_is_given() -> None:
 
 def test_steps_reach_the_steady_state_that_the_loop_at_each_line_has() -> None:
     model, u = coupled_model(), multisine(0.5, 3)
-    spectra = periodic_spectra([record_of(u, np.zeros((PERIOD, 3)))], ["a", "b"], ["x", "y", "z"])
+    spectra = periodic_spectra([record_of(u, u[:, [0, 1, 0]])], ["a", "b"], ["x", "y", "z"])
     state = steady_state(model.drives, spectra, fitted=False)
     steady = np.einsum("lpm,lm->lp", model.system.response(spectra.z), state.total[0])
     start = replace(
@@ -157,12 +158,34 @@ def test_the_period_is_found_in_the_inputs() -> None:
     assert period_of(np.tile(u, (3, 1))[: 2 * PERIOD + 100]) == PERIOD
 
 
+def constant_column(record: Record, name: str) -> Record:
+    channels = (
+        replace(c, values=np.zeros(record.size)) if c.name == name else c for c in record.channels
+    )
+    return replace(record, channels=tuple(channels))
+
+
+def part_of(record: Record, size: int) -> Record:
+    """Return a beginning whose inputs have the rms of one level."""
+    channels = []
+    for c in record.channels:
+        values = c.values[:size]
+        channels.append(replace(c, values=values / np.sqrt(np.mean(values**2))))
+    return replace(record, channels=tuple(channels), time=record.time[:size])
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda r: (r[:1], ["a", "b"]), "level 1 has 1 records, and 2 inputs need at least 2"),
         (lambda r: (r, ["a"]), "coupled drives need two inputs or more, got 1"),
         (lambda r: ([r[0], r[0], r[0]], ["a", "b"]), "inputs of level 1 are not independent"),
+        (lambda r: ([constant_column(x, "b") for x in r], ["a", "b"]), "column 'b' is constant in"),
+        (lambda r: ([constant_column(x, "y") for x in r], ["a", "b"]), "column 'y' is constant in"),
+        (
+            lambda r: ([part_of(x, 100) for x in r], ["a", "b"]),
+            "100 samples is too short",
+        ),
         (
             lambda r: ([r[0], replace(r[1], time=2.0 * r[1].time)], ["a", "b"]),
             "need one sample rate, got 1000 and 2000 Hz",

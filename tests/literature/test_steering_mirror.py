@@ -2,7 +2,7 @@
 
 Evidence (Hysteresis and records): steering mirror, three stacks, three sensors, three levels
 (M. Floren and others 2024: one nonlinear model 0.087, 0.131, 0.169 µm, three linear ones 0.114,
-0.216, 0.228 µm): one model, stepped in time, held-out records 0.085, 0.114, 0.171 µm [*slow*]
+0.216, 0.228 µm): one model, stepped in time, held-out records 0.085, 0.114, 0.169 µm [*slow*]
 """
 
 import numpy as np

@@ -53,6 +53,10 @@ def test_one_command_gives_table_model_and_figure(
     assert "measured less predicted" in picture.read_text("utf-8")
     assert status(["predict", str(out), str(files[4]), *COLUMNS[:3], "x,y"]) == 2
     assert "the model has 3 outputs, x, y, z; got 2 columns" in capsys.readouterr().err
+    assert status(["predict", str(out), str(files[4]), "--input", "a", "--output", "x"]) == 2
+    assert "the model has 2 inputs, a, b; got 1 columns" in capsys.readouterr().err
+    assert status(["predict", str(out), str(files[4])]) == 2
+    assert "coupled drives need --input and --output" in capsys.readouterr().err
 
 
 def test_json_has_levels_modes_and_warnings(

@@ -54,9 +54,12 @@ def predict(
     figure
         Draw the measured and the predicted loop of the first record (.svg, .png or .pdf).
     """
-    if len(columns.input) > 1 and not columns.is_table:
-        refuse(request.start != "auto", "several inputs start at rest: omit --start", RecordError)
-        refuse(not columns.output, "several inputs need --output: name the columns", RecordError)
+    from flexstage.hysteresis.coupled_drives.model_file import is_coupled_model
+
+    if is_coupled_model(model):
+        refuse(request.start != "auto", "coupled drives start at rest: omit --start", RecordError)
+        missing = not columns.input or not columns.output
+        refuse(missing, "coupled drives need --input and --output: name the columns", RecordError)
         from flexstage.report.coupled_drives import coupled_predictions_table
 
         coupled = _coupled_drives(model, records, columns, read_options)

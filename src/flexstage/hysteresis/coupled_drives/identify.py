@@ -26,6 +26,7 @@ from flexstage.hysteresis.coupled_drives.softening import (
     steady_state,
 )
 from flexstage.hysteresis.coupled_drives.state_space import (
+    HANKEL_BLOCKS,
     IdentifiedModes,
     ModalSystem,
     modes_of,
@@ -162,8 +163,8 @@ def identify_coupled_drives(
     Raises
     ------
     RecordError
-        There are fewer than two inputs, too few records of a level, or outputs that do not follow
-        the inputs.
+        There are fewer than two inputs, too few records of a level, too short periods, constant
+        columns, or outputs that do not follow the inputs.
 
     Notes
     -----
@@ -183,6 +184,11 @@ def identify_coupled_drives(
     names = tuple(spectra.names[k] for k in np.flatnonzero(unsteady))
     steady = spectra.of(~unsteady)
     require_records(steady)
+    if steady.period < 2 * HANKEL_BLOCKS:
+        raise RecordError(
+            f"a period of {steady.period} samples is too short for modes: record at least "
+            f"{2 * HANKEL_BLOCKS} samples in a period"
+        )
     systems = [_level_system(steady, k) for k in range(steady.levels)]
     linear_errors = [
         _error(_residuals(s, steady.of(steady.level == k), None)) for k, s in enumerate(systems)

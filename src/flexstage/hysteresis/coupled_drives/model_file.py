@@ -79,6 +79,15 @@ def coupled_model_text(result: CoupledDriveIdentification) -> str:
     )
 
 
+def is_coupled_model(path: Path) -> bool:
+    """Return whether a file begins as a model of coupled drives; a missing one does not."""
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            return file.readline().startswith(COUPLED_MODEL_FILE.key)
+    except OSError:
+        return False
+
+
 def read_coupled_model(path: Path) -> CoupledDriveModel:
     """Read a model of coupled drives; a ModelError where the file is none."""
     decoder, root = read_file(path, COUPLED_MODEL_FILE)

@@ -122,7 +122,7 @@ def periodic_spectra(
     Raises
     ------
     RecordError
-        Sample rates or periods differ, or a record is shorter than a period.
+        Sample rates or periods differ, a record is shorter than a period, or a column is constant.
     """
     mean_inputs, mean_outputs, noise = [], [], []
     rate = records[0].sample_rate_hz
@@ -152,6 +152,7 @@ def periodic_spectra(
     assert period is not None
     scale = np.sqrt(2.0) / period
     spectra = [np.fft.rfft(np.array(x), axis=1) * scale for x in (mean_inputs, mean_outputs)]
+    _require_motion(records[0], (*inputs, *outputs), np.concatenate(spectra, axis=2))
     power = np.sum(np.abs(spectra[0]) ** 2, axis=(0, 2))
     power[0] = 0.0
     lines = np.flatnonzero(power > _EXCITED * power[1:].mean())
@@ -166,6 +167,16 @@ def periodic_spectra(
         noise=np.array(noise),
         names=tuple(record.source or f"record {k + 1}" for k, record in enumerate(records)),
     )
+
+
+def _require_motion(record: Record, columns: Sequence[str | int], spectra: Complex) -> None:
+    """Refuse a column that is constant in all records."""
+    for column, still in zip(columns, ~np.any(spectra[:, 1:] != 0.0, axis=(0, 1)), strict=True):
+        if still:
+            raise RecordError(
+                f"column '{record.channel(column).name}' is constant in all records: select inputs "
+                "and outputs that vary"
+            )
 
 
 def _levels(rms: Array) -> Integers:

@@ -87,6 +87,8 @@ class IdentifiedModes:
         )
 
 
+#: Rows and columns of the block Hankel matrix: impulse responses over twice as many samples.
+HANKEL_BLOCKS = 70
 #: Poles of a higher damping ratio are no modes of a flexure stage.
 _LARGEST_DAMPING = 0.05
 
@@ -112,7 +114,7 @@ def modes_of(system: ModalSystem, sample_rate_hz: float, highest_hz: float) -> I
 
 
 def subspace_system(
-    response: Complex, lines: Integers, period: int, order: int, blocks: int = 70
+    response: Complex, lines: Integers, period: int, order: int, blocks: int = HANKEL_BLOCKS
 ) -> ModalSystem:
     """Return a stable linear system of an order from its response at some lines.
 
