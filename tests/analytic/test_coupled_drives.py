@@ -54,6 +54,14 @@ def test_a_subspace_system_is_the_one_whose_response_is_given() -> None:
     assert np.abs(np.sum(modes.input_shapes * SHAPES, axis=1)) == pytest.approx(1.0, abs=1e-4)
 
 
+def test_a_growing_mode_is_mirrored_into_a_decaying_one() -> None:
+    system = linear_system()
+    growing = replace(system, poles=system.poles / np.abs(system.poles) * 1.01)
+    lines = np.arange(1, PERIOD // 2)
+    response = growing.response(np.exp(2j * np.pi * lines / PERIOD))
+    assert np.abs(subspace_system(response, lines, PERIOD, 12, blocks=40).poles).max() < 1.0
+
+
 def test_steps_reach_the_steady_state_that_the_loop_at_each_line_has() -> None:
     model, u = coupled_model(), multisine(0.5, 3)
     spectra = periodic_spectra([record_of(u, u[:, [0, 1, 0]])], ["a", "b"], ["x", "y", "z"])
