@@ -1,9 +1,10 @@
 """The frame of every view: navigation, units, theme, and STOP while a stage is connected."""
 
 import asyncio
+import gc
 import time
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,17 @@ def build_page(panel: Panel) -> None:
             _jobs(page)
             _settings(page, views)
     ui.skip_link("To the content", target=main)
+    _exempt_modules_from_collection()
+
+
+@cache
+def _exempt_modules_from_collection() -> None:
+    """Exempt what the first page imported from garbage collection.
+
+    A full collection that visits all modules would delay answers by a quarter of a second.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 def _show(page: Page, view: PanelView) -> None:
