@@ -1,72 +1,127 @@
-"""The standard error of a held-out error, against errors whose root mean square is known."""
+"""Error, interval and band of held-out stretches: against known scatter, and with one another."""
 
 import numpy as np
 import pytest
 
+from flexstage.hysteresis import Dahl, identify
 from flexstage.hysteresis.identification.fit_rows import ChainValues, Rows
 from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.model_fit import fit_data
-from flexstage.hysteresis.identification.residuals import another_stretch, rms_standard_error
+from flexstage.hysteresis.identification.residuals import held_out_errors, stretches_of
+from flexstage.records import Channel, Record
+from flexstage.report.identification import heldout_in_words
+from flexstage.virtual.stack import virtual_stack
 
 EACH = 30
 
 
-def rows(cycles, used=None):
-    """Return rows of cycles of as many samples, of which some cycles are in use."""
-    cycle = np.repeat(np.arange(cycles), EACH)
-    use = np.ones(cycle.size, dtype=bool) if used is None else np.isin(cycle, used)
+def data_of(*records, used=None):
+    """Return rows of records of so many cycles, of which some cycles are in use."""
+    cycles = [np.repeat(np.arange(count), EACH) for count in records]
+    use = [np.ones(c.size, dtype=bool) if used is None else np.isin(c, used) for c in cycles]
     nothing = IdentificationData(
-        sections=(), sign=1.0, input_unit="", output_unit="", stroke=1.0, warnings=()
+        sections=(), sign=1.0, input_unit="", output_unit="", stroke=100.0, warnings=()
     )
-    own = Rows(at=np.arange(cycle.size), cycle=cycle)
-    return fit_data(nothing, ChainValues(), (own,), (use,))
+    rows = tuple(Rows(at=np.arange(c.size), cycle=c) for c in cycles)
+    return fit_data(nothing, ChainValues(), rows, tuple(use))
 
 
-def test_ten_cycles_are_the_jackknife_in_closed_form():
-    size = np.array([1.0, 1.3, 0.7, 1.1, 2.0, 0.4, 1.6, 0.9, 1.2, 0.8])
-    without = np.array([np.sqrt(np.mean(np.delete(size, i) ** 2)) for i in range(10)])
-    plain = np.sqrt(0.9 * np.sum((without - without.mean()) ** 2))
-    # the 97.5 % point of the distribution of Student for nine degrees of freedom: 2.262
-    found = rms_standard_error([np.repeat(size, EACH)], rows(10))
-    assert found == pytest.approx(plain * 2.2622 / 1.96, rel=1e-4)
+def errors_of(*rms):
+    """Return the figures of stretches whose errors are of one size each [% of the stroke]."""
+    return held_out_errors([[r * np.tile([1.0, -1.0], EACH)] for r in rms], data_of(1))
 
 
-def test_its_interval_holds_the_truth():
-    """Cycles are each off by an own amplitude: 400 records, of which 95 % are to be held."""
-    rng, inside = np.random.default_rng(5), []
-    data = rows(40)
-    for _ in range(400):
-        amplitude = np.repeat(rng.uniform(0.5, 1.5, 40), EACH)
-        error = amplitude * np.sin(np.linspace(0.0, 80.0 * np.pi, 40 * EACH, endpoint=False))
-        truth = np.sqrt(0.5 * (1.0 + 1.0 / 12.0))  # E a^2 = mean^2 + width^2 / 12
-        found = rms_standard_error([error], data)
-        assert found is not None
-        inside.append(abs(np.sqrt(np.mean(error**2)) - truth) < 1.96 * found)
-    assert 0.92 < np.mean(inside) < 0.98
+def test_the_interval_in_closed_form():
+    rms = np.array([0.20, 0.25, 0.22, 0.28, 0.21])
+    # the 97.5 % point of the distribution of Student for four degrees of freedom: 2.7764
+    by_chance = 2.7764 * np.std(np.log(rms), ddof=1) * np.sqrt(1.2)
+    factor = np.exp(np.hypot(by_chance, 1.96 * 0.4))
+    mean = np.sqrt(np.mean(rms**2))
+    assert errors_of(*rms).interval_percent == pytest.approx((mean / factor, mean * factor), 1e-4)
 
 
-def test_cycles_that_are_not_in_use_do_not_count():
-    rng = np.random.default_rng(6)
-    error = rng.normal(size=24 * EACH)
-    held = list(range(12))
-    other = error.copy()
-    other[12 * EACH :] *= 50.0
-    found = [rms_standard_error([e], rows(24, held)) for e in (error, other)]
-    assert found[0] == found[1]
-    assert rms_standard_error([error], rows(24, [3])) is None
+def test_too_few_stretches_or_one_that_dominates_determine_no_interval():
+    assert errors_of(0.2, 0.21, 0.2).interval_percent is None
+    found = errors_of(0.9, 1.1, 0.8, 1.0, 37.0)
+    assert found.interval_percent is None
+    assert (found.median_percent, found.worst_percent) == pytest.approx((1.0, 37.0))
 
 
-def test_another_stretch_is_held_by_what_stretches_differ():
-    """Stretches of a drive differ by an own factor: that of a further one is to be held."""
+def test_the_interval_holds_another_stretch():
+    """Stretches scatter by a tenth, and another one by 0.4 more, in the logarithm."""
     rng, inside = np.random.default_rng(7), []
-    for _ in range(400):
-        rms = 1.0 + 0.3 * rng.normal(size=6)
-        found = another_stretch(float(np.sqrt(np.mean(rms[:5] ** 2))), 0.02, rms[:5])
-        inside.append(abs(rms[5] - np.mean(rms[:5])) < 1.96 * found)
-    # of the mean of five, which has an error of its own: a little less than 95 %
-    assert 0.89 < np.mean(inside) < 0.97
+    for _ in range(600):
+        interval = errors_of(*0.3 * np.exp(rng.normal(0.0, 0.1, 5))).interval_percent
+        assert interval is not None
+        inside.append(
+            interval[0] <= 0.3 * np.exp(rng.normal(0.0, np.hypot(0.1, 0.4))) <= interval[1]
+        )
+    assert 0.93 < np.mean(inside) < 0.985
 
 
-def test_extrapolating_to_a_stretch_counts():
-    found = another_stretch(0.2, 0.03, np.full(5, 0.6))
-    assert found == pytest.approx(np.hypot(0.03, 0.4))
+def test_the_band_holds_errors_of_another_stretch():
+    """Stretches of noise whose standard deviations differ by a fifth."""
+    rng, held = np.random.default_rng(8), []
+    for _ in range(200):
+        sizes = np.exp(rng.normal(0.0, 0.2, 6))
+        *stretches, other = (size * rng.normal(size=400) for size in sizes)
+        band = held_out_errors([[e] for e in stretches], data_of(1)).band_percent
+        held.append(np.mean(np.abs(other) <= band))
+    assert 0.94 < np.mean(held) < 0.99
+
+
+def test_records_are_held_out_whole_and_one_record_in_stretches():
+    one = stretches_of(data_of(20))
+    assert [int(stretch[0].sum()) // EACH for stretch in one] == [4] * 5
+    # one run of neighbours each
+    assert all(np.count_nonzero(np.diff(stretch[0].astype(int))) <= 2 for stretch in one)
+    several = stretches_of(data_of(9, 3, 5))
+    assert [[bool(rows.all()) for rows in stretch] for stretch in several] == np.eye(3).tolist()
+    assert [[bool(rows.any()) for rows in stretch] for stretch in several] == np.eye(3).tolist()
+    # rows that are not in use are held out of nothing
+    part = stretches_of(data_of(20, used=[0, 1, 2]))
+    assert [int(stretch[0].sum()) // EACH for stretch in part] == [1] * 3
+    assert stretches_of(data_of(20, used=[])) == []
+    assert len(stretches_of(data_of(*[2] * 33))) == 10
+
+
+def record_of(seed):
+    """Return one or several short records of a stack, with a drift or a few cycles for some."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(rng.integers(300, 900))) * 0.02
+    grows = np.clip(0.1 + (t / t[-1]) ** rng.uniform(0.2, 3.0), 0.0, 1.0)
+    u = 60.0 - 60.0 * grows * np.cos(2.0 * np.pi * rng.uniform(0.3, 1.5) * t)
+    y = virtual_stack((0.0, 120.0), 38e-6, 0.12).simulate(u).values
+    y = y + rng.normal(0.0, 4e-8, t.size) + 10 ** rng.uniform(-8.0, -5.5) * (t / t[-1]) ** 2
+    channels = (Channel(name="u", values=u, unit="V"), Channel(name="y", values=y, unit="m"))
+    return Record(channels=channels, time=t, source="a drive")
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_figures_of_a_line_do_not_contradict_each_other(seed):
+    records = [record_of(10 * seed + k) for k in range(1 + 2 * (seed % 3))]
+    found = identify(records, "u", "y", model="dahl", chain=ChainValues())
+    rms, band = found.heldout_rms_percent, found.heldout_band_percent
+    median, worst = found.heldout_median_percent, found.heldout_worst_percent
+    assert None not in (rms, band, median, worst, found.heldout_max_percent)
+    assert median <= worst
+    assert min(median, rms) <= worst <= found.heldout_max_percent
+    assert 0.0 <= band <= found.heldout_max_percent
+    text = heldout_in_words(found)
+    if found.heldout_interval_percent is None:
+        assert f"median of the stretches {median:.3g}, worst {worst:.3g}" in text
+    else:
+        low, high = found.heldout_interval_percent
+        assert 0.0 < low < rms < high <= 4.0 * rms
+        assert "not determined" not in text
+    assert "+-" not in text
+
+
+def test_a_model_that_is_exact_has_no_held_out_error():
+    u = 60.0 - 60.0 * np.cos(np.arange(900) / 17.0)
+    y = Dahl(gain=3.3e-7, stiffness=1.1e-7, limit=2.1e-6).simulate(u).values
+    channels = (Channel(name="u", values=u, unit="V"), Channel(name="y", values=y, unit="m"))
+    record = Record(channels=channels, time=np.arange(900) * 0.01, source="a drive")
+    found = identify(record, "u", "y", model="dahl", chain=ChainValues())
+    assert found.heldout_max_percent is not None
+    assert found.heldout_max_percent < 0.01

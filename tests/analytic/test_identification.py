@@ -44,7 +44,13 @@ from flexstage.hysteresis.identification.model_fit import (
 )
 from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, SearchedFit
 from flexstage.hysteresis.identification.projection import normal_equations, solve
-from flexstage.hysteresis.identification.residuals import Folds, Residuals, estimates, residuals
+from flexstage.hysteresis.identification.residuals import (
+    Residuals,
+    cross_validate,
+    estimates,
+    held_out_errors,
+    residuals,
+)
 from flexstage.hysteresis.models import registry
 from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
@@ -162,7 +168,8 @@ def test_standard_errors_cover_the_truth():
     for seed in range(40):
         data = whole(measurement([record(u, noisy(BOUC_WEN, u, seed), 0.02)], "u", "y"))
         fit = method.fit(data, np.array([0.5, 0.2]))
-        found, _, _ = estimates(fit, data, residuals(fit.model, data), (), {})
+        validation = cross_validate(method, data, fit.search)
+        found, _, _ = estimates(method, fit, data, residuals(fit.model, data), validation, {})
         inside.append(
             [abs(e.value - getattr(BOUC_WEN, e.name)) < 2.0 * e.standard_error for e in found]
         )
@@ -365,7 +372,7 @@ def whole(data):
 def test_every_row_is_held_out_once_and_in_whole_cycles():
     records = [record(drive(2000, f), DAHL.simulate(drive(2000, f)).values) for f in (0.9, 2.3)]
     data = whole(measurement(records, "u", "y"))
-    folds = folds_of(data)
+    folds = folds_of(data, 5, runs=2)
     assert len(folds) == 5
     for k, (r, s) in enumerate(zip(data.rows, data.sections, strict=True)):
         together = np.sum([fold[k] for fold in folds], axis=0)
@@ -494,14 +501,16 @@ def chosen_of(without_inverse=(), **parts):
     tried = {}
     for name, errors in parts.items():
         method = fits()[name.replace("_", "-")]
-        squares = (percent * np.array(errors)) ** 2
-        rms = float(np.sqrt(squares.mean()))
-        folds = Folds(rms=rms, free_rms=rms, largest=0.0, band=0.0, mean_square=squares)
+        held_out = held_out_errors([[np.array([percent * e, -percent * e])] for e in errors], data)
         nothing = (np.zeros(data.rows[0].at.size),)
-        left = Residuals(of_fit=nothing, of_prediction=nothing, nuisance=(), offset=0.0)
+        left = Residuals(of_prediction=nothing, nuisance=(), offset=0.0)
         model = FALLING if name in without_inverse else DAHL
         tried[method.kind] = FittedModel(
-            method=method, fit=FitResult(model=model), residuals=left, folds=folds
+            method=method,
+            fit=FitResult(model=model),
+            residuals=left,
+            validation=held_out,
+            held_out=held_out,
         )
     return choose(tried, data)[0]
 

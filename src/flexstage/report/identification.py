@@ -96,16 +96,9 @@ def identification_in_words(result: Identification) -> list[str]:
         f"{readable(input_unit, low, high, digits=4)}, {slope:.3g} {unit}/{input_unit} on average; "
         f"noise about {result.noise_percent:.2f} % of the stroke",
     ]
-    if result.heldout_rms_percent is not None:
-        error = result.heldout_standard_error
-        standard_error = "" if error is None else f" +- {error:.3f} (standard error)"
-        lines.append(
-            f"held out, as predicted: {result.heldout_rms_percent:.3f}{standard_error} % of the "
-            f"stroke rms; 95 % within {result.heldout_band_percent:.2f}, largest "
-            f"{result.heldout_max_percent:.2f}"
-        )
-    else:
-        lines.append(f"largest error {result.max_percent:.2f} % of the stroke")
+    lines.append(
+        heldout_in_words(result) or f"largest error {result.max_percent:.2f} % of the stroke"
+    )
     if m.creep is not None:
         of = "the first record" if len(result.measurement.sections) > 1 else "the record"
         lines.append(
@@ -113,6 +106,26 @@ def identification_in_words(result: Identification) -> list[str]:
             f"changes readings by up to {factor * result.settling:.2g} {unit}"
         )
     return lines
+
+
+def heldout_in_words(result: Identification) -> str:
+    """Return a sentence on the held-out error, or an empty one; its figures are one experiment."""
+    r = result
+    if r.heldout_rms_percent is None:
+        return ""
+    another = "another record" if len(r.measurement.sections) > 1 else "another stretch"
+    if r.heldout_interval_percent is not None:
+        low, high = r.heldout_interval_percent
+        interval = f"{another} {low:.2g} to {high:.2g} (95 %)"
+    else:
+        interval = (
+            f"{another} not determined: median of the stretches {r.heldout_median_percent:.3g}, "
+            f"worst {r.heldout_worst_percent:.3g}"
+        )
+    return (
+        f"held out, as predicted: {r.heldout_rms_percent:.3f} % of the stroke rms, {interval}; "
+        f"95 % within {r.heldout_band_percent:.2f}, largest {r.heldout_max_percent:.2f}"
+    )
 
 
 def quality_in_words(result: Identification) -> str:
@@ -148,7 +161,8 @@ def _rows(result: Identification) -> list[tuple[str, str, str, str]]:
     """Return name, value, standard error and unit of the parameters, in readable units."""
     m = result.model
     output_unit, factor = readable_unit(result.stroke, m.output_unit)
-    unknown = {e.name for e in result.chain if math.isinf(e.standard_error)}
+    estimates = (*result.chain, result.offset)
+    unknown = {e.name for e in estimates if math.isinf(e.standard_error)}
     rows = []
     for name, row in result.parameter_rows().items():
         value, error = row["value"], row["standard_error"]

@@ -35,7 +35,6 @@ from flexstage.hysteresis.identification.model_choice import (
     failed_candidate,
     fit_model,
     invertibility_warning,
-    prediction_errors,
 )
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
@@ -50,10 +49,11 @@ from flexstage.hysteresis.identification.quality_report import (
     stands_still,
 )
 from flexstage.hysteresis.identification.residuals import (
+    HeldOut,
     ParameterEstimate,
-    another_stretch,
     cross_validate,
     estimates,
+    root_mean_square,
 )
 from flexstage.hysteresis.identification.result import Identification
 from flexstage.hysteresis.model_file import ModelFile
@@ -245,36 +245,24 @@ def _result(
     estimate: ChainEstimate,
     train: tuple[int, int] | None,
 ) -> Identification:
-    errors = prediction_errors(best, data)
-    stretches = cross_validate(best.method, data, best.fit.search, stretches=True)
-    if stretches is not None and best.folds is not None:
-        percent = 100.0 / data.stroke
-        standard_error = another_stretch(
-            best.folds.rms, best.folds.standard_error or 0.0, np.sqrt(stretches.mean_square)
-        )
-        errors = replace(
-            errors, heldout_band=stretches.band * percent, heldout_error=standard_error * percent
-        )
-    parts = tuple(f for f in (best.folds, stretches) if f is not None)
+    validation = best.validation or cross_validate(best.method, data, best.fit.search)
     parameters, offset, parameter_warnings = estimates(
-        best.fit, data, best.residuals, parts, estimate.widths
+        best.method, best.fit, data, best.residuals, validation, estimate.widths
     )
+    errors, held_out = best.errors_percent(data), best.held_out
+    rms = root_mean_square(errors)
+    error = rms if held_out is None else held_out.rms_percent
     settling, starts = _before(best, data)
     m = data.measurement
     drive = _drive_model(best, data)
     noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
-    error = max(errors.rms, errors.heldout or 0.0)
-    report = quality_report(data, error, noise)
+    report = quality_report(data, max(rms, error), noise)
     return Identification(
         model=drive,
         kind=best.method.kind,
-        rms_percent=errors.rms,
-        max_percent=errors.largest,
-        heldout_rms_percent=errors.heldout,
-        heldout_free_rms_percent=errors.heldout_free,
-        heldout_standard_error=errors.heldout_error,
-        heldout_max_percent=errors.heldout_largest,
-        heldout_band_percent=errors.heldout_band,
+        rms_percent=rms,
+        max_percent=float(np.max(np.abs(errors))),
+        **{f"heldout_{name}": getattr(held_out, name, None) for name in HeldOut.names},
         stroke=m.stroke,
         noise_percent=noise,
         parameters=parameters,
@@ -282,7 +270,7 @@ def _result(
         offset=replace(offset, value=m.sign * offset.value),
         warnings=(
             *report.sentences,
-            *fit_warnings(best, data, estimate, errors, settling, held_out=train is not None),
+            *fit_warnings(best, data, estimate, error, settling, held_out=train is not None),
             *parameter_warnings,
         ),
         settling=settling,

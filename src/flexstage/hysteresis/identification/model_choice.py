@@ -1,20 +1,20 @@
 """Selection of one of the fitted models."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.model_fit import FitData, FitResult, ModelFit
 from flexstage.hysteresis.identification.residuals import (
-    BAND,
-    Folds,
+    HeldOut,
     Residuals,
     cross_validate,
-    free_constant,
+    held_out_errors,
     residuals,
-    rms_standard_error,
     root_mean_square,
+    stretches_of,
 )
 
 #: A model with a residual more than this many times that of the best is worse than it; ...
@@ -56,8 +56,14 @@ class FittedModel:
     """The fit."""
     residuals: Residuals
     """Its residuals at all rows."""
-    folds: Folds | None
-    """Cross-validation errors; None without cross-validation."""
+    validation: HeldOut | None
+    """Errors on fitted stretches, held out in turn; None without cross-validation."""
+    held_out: HeldOut | None
+    """Errors to report: on samples that were held out on request, or else of the validation."""
+
+    def errors_percent(self, data: FitData) -> Array:
+        """Return the errors of the prediction at the fitted rows, over the stroke [%]."""
+        return np.concatenate(self.residuals.predicted_at(data.use)) * (100.0 / data.stroke)
 
 
 def invertibility_warning(
@@ -95,80 +101,26 @@ def failed_candidate(method: ModelFit, reason: str) -> Candidate:
 def fit_model(method: ModelFit, data: FitData, *, validate: bool) -> FittedModel:
     """Fit a model, and cross-validate it on request."""
     fit = method.fit(data)
-    folds = cross_validate(method, data, fit.search) if validate else None
-    return FittedModel(method=method, fit=fit, residuals=residuals(fit.model, data), folds=folds)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PredictionErrors:
-    """Errors of the prediction over the stroke [%]; None if nothing was held out."""
-
-    rms: float
-    """Rms error on fitted samples."""
-    largest: float
-    """Largest absolute value there."""
-    heldout: float | None = None
-    """Rms error on held-out samples."""
-    heldout_free: float | None = None
-    """The same, with the constant refitted."""
-    heldout_error: float | None = None
-    """Standard error of that root mean square."""
-    heldout_largest: float | None = None
-    """Largest absolute value there."""
-    heldout_band: float | None = None
-    """Half the width of the band that holds 95 % there."""
-
-
-def prediction_errors(model: FittedModel, data: FitData) -> PredictionErrors:
-    """Return the errors of a model, on held-out samples or else by cross-validation."""
-    percent = 100.0 / data.stroke
-    fit_errors = np.concatenate(model.residuals.predicted_at(data.use)) * percent
-    errors = PredictionErrors(
-        rms=root_mean_square(fit_errors), largest=float(np.max(np.abs(fit_errors)))
+    left = residuals(fit.model, data)
+    validation = cross_validate(method, data, fit.search) if validate else None
+    others = data.with_use(tuple(~u for u in data.use))
+    errors = [left.predicted_at(stretch) for stretch in stretches_of(others)]
+    held_out = held_out_errors(errors, data) if errors else validation
+    return FittedModel(
+        method=method, fit=fit, residuals=left, validation=validation, held_out=held_out
     )
-    held_out = tuple(~u for u in data.use)
-    if any(h.any() for h in held_out):
-        parts = model.residuals.predicted_at(held_out)
-        held_errors = np.concatenate(parts) * percent
-        return replace(
-            errors,
-            heldout=root_mean_square(held_errors),
-            heldout_free=root_mean_square(free_constant(parts)) * percent,
-            heldout_error=_scaled(
-                rms_standard_error(model.residuals.of_prediction, data.with_use(held_out)), percent
-            ),
-            heldout_largest=float(np.max(np.abs(held_errors))),
-            heldout_band=float(np.quantile(np.abs(held_errors), BAND)),
-        )
-    if model.folds is None:
-        return errors
-    return replace(
-        errors,
-        heldout=model.folds.rms * percent,
-        heldout_free=model.folds.free_rms * percent,
-        heldout_error=_scaled(model.folds.standard_error, percent),
-        heldout_largest=model.folds.largest * percent,
-        heldout_band=model.folds.band * percent,
-    )
-
-
-def _scaled(error: float | None, percent: float) -> float | None:
-    return None if error is None else error * percent
 
 
 def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple[Candidate, ...]]:
     """Select the simplest model that is as good as the best on held-out cycles, within noise."""
-    rows = {name: prediction_errors(t, data) for name, t in models.items()}
-    percent = 100.0 / data.stroke
+    rms = {n: root_mean_square(t.errors_percent(data)) for n, t in models.items()}
     # held-out samples without motion are no test: the fitted samples are cross-validated then
-    score = {
-        n: t.folds.rms * percent if t.folds is not None else (rows[n].heldout or rows[n].rms)
-        for n, t in models.items()
-    }
+    scored = {n: t.validation or t.held_out for n, t in models.items()}
+    score = {n: rms[n] if held is None else held.rms_percent for n, held in scored.items()}
     # one that has no inverse cannot compensate, however well it fits
     usable = [n for n in score if _invertible(models[n])] or list(score)
     best = min(usable, key=lambda n: score[n])
-    scatter = {n: _by_chance(t.folds, models[best].folds, data) for n, t in models.items()}
+    scatter = {n: _by_chance(held, scored[best]) for n, held in scored.items()}
     # squares are compared, as they are means over the parts and their difference is normal; the
     # factor is a second bound, as one bad part makes the spread of a model as large as its excess
     close = [
@@ -183,12 +135,13 @@ def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple
         Candidate(
             kind=n,
             size=models[n].method.size,
-            rms_percent=rows[n].rms,
-            heldout_rms_percent=rows[n].heldout,
-            heldout_free_rms_percent=rows[n].heldout_free,
+            rms_percent=rms[n],
+            heldout_rms_percent=None if held is None else held.rms_percent,
+            heldout_free_rms_percent=None if held is None else held.free_rms_percent,
             failed=_DIVERGES if score[n] > _NO_PREDICTION else "",
         )
         for n in order
+        for held in [models[n].held_out]
     )
 
 
@@ -196,9 +149,9 @@ def _invertible(model: FittedModel) -> bool:
     return all(c.holds for c in model.fit.model.properties() if c.name == "invertible")
 
 
-def _by_chance(folds: Folds | None, best: Folds | None, data: FitData) -> float:
-    """Standard error of the difference of two held-out mean squares, by parts [%^2]."""
-    if folds is None or best is None:
+def _by_chance(one: HeldOut | None, best: HeldOut | None) -> float:
+    """Standard error of the difference of two held-out mean squares, by stretches [%^2]."""
+    if one is None or best is None or best.stretches_percent.size < 2:
         return 0.0
-    difference = (folds.mean_square - best.mean_square) * (100.0 / data.stroke) ** 2
+    difference = one.stretches_percent**2 - best.stretches_percent**2
     return float(np.std(difference, ddof=1) / np.sqrt(difference.size))

@@ -25,11 +25,6 @@ from flexstage.hysteresis.identification.projection import Normal, Solution, nor
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS, part
 
-#: Parts that the cycles are divided into, each held out once.
-_FOLDS = 5
-#: Runs of neighbouring cycles in each part.
-_RUNS = 2
-
 #: Samples and rows of the coarse search, and the factor on its limits of averaging.
 _COARSE_SAMPLES = 5000
 _COARSE_ROWS = 2500
@@ -100,14 +95,8 @@ class FitResult:
     """The model."""
     search: Array = field(default_factory=lambda: np.zeros(0))
     """Optimum of the nonlinear parameters, shape (s,)."""
-    names: tuple[str, ...] = ()
-    """Names of the parameters that have an uncertainty."""
-    values: Array = field(default_factory=lambda: np.zeros(0))
-    """Their values, shape (k,)."""
     notes: tuple[str, ...] = ()
     """Warnings."""
-    jacobian: Array | None = None
-    """Derivatives of the output by them at the fitted rows, shape (r, k)."""
 
 
 class ModelFit(ABC):
@@ -133,10 +122,7 @@ class ModelFit(ABC):
         """
 
     def refit(self, data: FitData, optimum: Array) -> FitResult:
-        """Fit fewer samples, from the optimum of more of them, which is near.
-
-        The result has no Jacobian.
-        """
+        """Fit fewer samples, from the optimum of more of them, which is near."""
         return self.fit(data, optimum if optimum.size else None)
 
 
@@ -229,9 +215,7 @@ def residual(behind: list[Array], solution: Solution, data: FitData) -> Array:
     return np.concatenate(left)
 
 
-def folds_of(
-    data: FitData, count: int = _FOLDS, runs: int = _RUNS
-) -> list[tuple[NDArray[np.bool_], ...]]:
+def folds_of(data: FitData, count: int, runs: int) -> list[tuple[NDArray[np.bool_], ...]]:
     """Divide the cycles of all sections into parts with similar numbers of samples.
 
     With two distant runs of neighbours in each part, drift is not extrapolated, and every part of a
@@ -283,29 +267,12 @@ class LinearFit(ModelFit):
         del data, moving
         return None
 
-    @abstractmethod
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the parameters."""
-
     def fit(self, data: FitData, start: Array | None = None) -> FitResult:
         del start
-        result = self.refit(data, np.zeros(0))
-        behind, moving = self.moving(data)
-        active = np.isin(np.array(self.names())[moving], result.names)
-        parts = [c[:, active] for c in behind]
-        used = [c if use.all() else c[use] for c, use in zip(parts, data.use, strict=True)]
-        return replace(result, jacobian=np.concatenate(used))
-
-    def refit(self, data: FitData, optimum: Array) -> FitResult:
-        del optimum
         behind, moving = self.moving(data)
         x = np.zeros(moving.size)
         x[moving] = self.solution(equations(behind, data, self.kind), data).coefficients
-        active = np.flatnonzero(x)
-        names = self.names()
-        return FitResult(
-            model=self.build(x, data), names=tuple(names[i] for i in active), values=x[active]
-        )
+        return FitResult(model=self.build(x, data))
 
     def solution(self, normal: Normal, data: FitData) -> Solution:
         """Solve the normal equations of the moving columns."""

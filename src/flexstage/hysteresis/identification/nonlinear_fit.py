@@ -2,9 +2,8 @@
 
 import itertools
 from abc import abstractmethod
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +32,6 @@ _ABOUT = 0.025
 _NEAR = 0.06
 #: Step of finite differences, relative to each parameter.
 _STEP = 1e-4
-#: Fields of models that are set and not fitted.
-_NOT_FITTED = ("exponent", "lowest_input", "highest_input", "input_range")
 
 #: Largest number of steps of a refinement.
 _ITERATIONS = 25
@@ -91,12 +88,9 @@ class SearchedFit(ModelFit):
             else self._best_minimum([np.asarray(start)], data)
         )
         model = self.build(place, self.project(place, data)[0].coefficients, data)
-        names, values, jacobian = _sensitivities(model, data)
         inner = np.all((place > 1e-3) & (place < 1.0 - 1e-3))
         notes = () if inner else ("a parameter reached the limit of its search range",)
-        return FitResult(
-            model=model, search=place, names=names, values=values, jacobian=jacobian, notes=notes
-        )
+        return FitResult(model=model, search=place, notes=notes)
 
     def _global_minimum(self, data: FitData) -> Array:
         """Search a grid on a short record, and refine the best point on the full record."""
@@ -221,53 +215,6 @@ def _downhill(place: Array, slope: Array, bend: Array) -> Array:
     return np.clip(place - step, 1e-6, 1.0 - 1e-6)
 
 
-def _sensitivities(model: HysteresisModel, data: FitData) -> tuple[tuple[str, ...], Array, Array]:
-    """Derivatives of the output by each number of the model, at the rows in use."""
-    names, values, columns = [], [], []
-    for name, value, element in _numbers(model):
-        step = _STEP * abs(value)
-        ends = [_with(model, name, value + sign * step, element) for sign in (1.0, -1.0)]
-        derivatives = []
-        for s in data.sections:
-            up, down = (m.simulate(s.u).values for m in ends)
-            derivatives.append(((up - down) / (2.0 * step))[:, None])
-        names.append(name if element is None else f"{name}[{element}]")
-        values.append(value)
-        columns.append(
-            np.concatenate(
-                [
-                    c[use, 0]
-                    for c, use in zip(behind_chain(derivatives, data), data.use, strict=True)
-                ]
-            )
-        )
-    return tuple(names), np.array(values), np.column_stack(columns)
-
-
-def _numbers(model: HysteresisModel) -> Iterator[tuple[str, float, int | None]]:
-    """Yield each fitted number of a model: field, value, and index of the element of an array.
-
-    The covariance needs all of them, also those of arrays, as their errors are correlated.
-    """
-    for name, value in model.parameters().items():
-        if name in _NOT_FITTED:
-            continue
-        if isinstance(value, float) and value != 0.0:
-            yield name, value, None
-        elif isinstance(value, np.ndarray):
-            for i in np.flatnonzero(value):
-                yield name, float(value[i]), int(i)
-
-
-def _with(model: HysteresisModel, name: str, number: float, element: int | None) -> HysteresisModel:
-    """Return the model with another number in a field, or in an element of an array there."""
-    changed: Any = number
-    if element is not None:
-        changed = getattr(model, name).copy()
-        changed[element] = number
-    return replace(model, **{name: changed})  # type: ignore[type-var]
-
-
 class RefinedFit(ModelFit):
     """A model with bounded parameters that is refined from a good start.
 
@@ -297,10 +244,7 @@ class RefinedFit(ModelFit):
         begin, _ = self._descend(begin, coarse(data), None)
         p, J = self._descend(begin, data, self._cached_jacobian(begin, data))
         data.memo[self._key(p)] = J
-        low, _ = self.bounds(data)
-        return FitResult(
-            model=self.build(p, data), search=p, jacobian=self._active(J, p, low, data)
-        )
+        return FitResult(model=self.build(p, data), search=p)
 
     def refit(self, data: FitData, optimum: Array) -> FitResult:
         p, _ = self._descend(optimum, data, self._cached_jacobian(optimum, data))
@@ -376,10 +320,6 @@ class RefinedFit(ModelFit):
                 self.build(shifted, data).simulate(section.u).values - base
             ) / _JACOBIAN_STEP
         return derivatives
-
-    def _active(self, J: list[Array], p: Array, low: Array, data: FitData) -> Array:
-        inside = np.flatnonzero(p > low)
-        return np.concatenate([c[np.ix_(u, inside)] for c, u in zip(J, data.use, strict=True)])
 
 
 def _residual(behind: list[Array], data: FitData) -> Array:

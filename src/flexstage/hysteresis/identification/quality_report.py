@@ -9,7 +9,7 @@ from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
 from flexstage.hysteresis.identification.chain_search import ChainEstimate
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.measurement import IdentificationData
-from flexstage.hysteresis.identification.model_choice import FittedModel, PredictionErrors
+from flexstage.hysteresis.identification.model_choice import FittedModel
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.quantities.units import readable
 
@@ -95,21 +95,22 @@ def fit_warnings(
     best: FittedModel,
     data: FitData,
     chain: ChainEstimate,
-    errors: PredictionErrors,
+    error_percent: float,
     settling: float,
     *,
     held_out: bool,
 ) -> tuple[str, ...]:
     """Return the warnings about a model, and about what its records do not determine.
 
-    `settling` is the largest change of readings by earlier motion [unit of the output]; `held_out`
-    is true if a range of the record was held out on request.
+    The error is that of the model, held out where there is such a figure [%]; `settling` is the
+    largest change of readings by earlier motion [unit of the output]; `held_out` is true if a range
+    of the record was held out on request.
     """
     return (
         *_undetermined_chain(data, chain),
         *data.warnings,
         *(_no_motion(data) if held_out else ()),
-        *_earlier_motion(settling, errors, data),
+        *_earlier_motion(settling, error_percent, data),
         *chain.notes,
         *_unusual_creep(chain, data),
         *_hidden_mode(chain, data),
@@ -154,9 +155,8 @@ def stands_still(data: FitData) -> bool:
     return max(ranges, default=0.0) < _STILL * (high - low)
 
 
-def _earlier_motion(settling: float, errors: PredictionErrors, data: FitData) -> tuple[str, ...]:
+def _earlier_motion(settling: float, error: float, data: FitData) -> tuple[str, ...]:
     """Warn if creep from earlier motion exceeds the error of the model."""
-    error = errors.heldout if errors.heldout is not None else errors.rms
     change = 100.0 * settling / data.stroke
     if change <= error:
         return ()

@@ -1,7 +1,9 @@
-"""Residuals of a model on a measurement, cross-validation, and errors of its parameters."""
+"""Residuals of a model, its errors on held-out stretches, and those of its parameters."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,33 +19,44 @@ from flexstage.hysteresis.identification.model_fit import (
 )
 from flexstage.hysteresis.model import HysteresisModel
 
-#: Largest number of blocks of neighbouring cycles that are omitted in turn.
-_BLOCKS = 10
 
-#: Share of the held-out errors inside the confidence band.
-BAND = 0.95
-#: A parameter is undetermined if its standard error exceeds this share of it.
-_UNDETERMINED = 0.5
-#: Correlation above which two parameters cannot be separated.
-_INSEPARABLE = 0.98
+@dataclass(frozen=True, slots=True)
+class _HeldOutRules:
+    """Stretches that are held out in turn, and what they tell about another one."""
+
+    stretches: int = 5
+    """Stretches of one record: few, so that each is long and time is extrapolated to it."""
+    records: int = 10
+    """Largest number of groups of records, if there are several: each is fitted once more."""
+    fewest: int = 4
+    """Fewest stretches with an interval: three determine a scatter to a factor of five."""
+    between: float = 0.4
+    """Standard deviation between the errors of a measured stretch and of those held out before it,
+    in the logarithm, that their scatter does not show (`benchmarks/heldout_stretches.py`).
+    """
+    widest: float = 4.0
+    """Largest factor from the error to an end of its interval: a wider one tells nothing."""
+    within: float = 0.975
+    """Share of the errors of the worst stretch inside the band; the other half of the 5 % outside
+    is for a stretch that is worse than all of these.
+    """
+    undetermined: float = 0.5
+    """Smallest standard error of an undetermined parameter, as a share of it."""
+
+
+_RULES = _HeldOutRules()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Residuals:
     """Residuals of a model at the rows of each section."""
 
-    of_fit: tuple[Array, ...]
-    """Output less model and the nuisance columns of the section, shape (r,)."""
     of_prediction: tuple[Array, ...]
     """Output less the prediction of the model with the one common offset, shape (r,)."""
     nuisance: tuple[Array, ...]
     """Coefficients of the nuisance columns of each section: the offset first."""
     offset: float
     """The common offset: mean of the fitted nuisance columns over the rows in use."""
-
-    def at(self, use: tuple[NDArray[np.bool_], ...]) -> Array:
-        """Return the residuals of the fit at some of the rows, of all sections in one."""
-        return np.concatenate([e[u] for e, u in zip(self.of_fit, use, strict=True)])
 
     def predicted_at(self, use: tuple[NDArray[np.bool_], ...]) -> list[Array]:
         """Return the errors of the prediction at some of the rows, section by section.
@@ -71,7 +84,6 @@ def residuals(model: HysteresisModel, data: FitData) -> Residuals:
         nuisance.append(coefficients)
     offset = float(np.mean(np.concatenate(level)))
     return Residuals(
-        of_fit=tuple(e - n for e, n in zip(errors, fitted, strict=True)),
         # a drift that was fitted with the model is the record's: only its mean is predicted
         of_prediction=tuple(
             e - n + (np.mean(n[u]) if u.any() else np.mean(n)) - offset
@@ -93,102 +105,112 @@ def root_mean_square(values: Array) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Folds:
-    """Errors of a model on cycles that it was not fitted to."""
+class HeldOut:
+    """Errors on stretches that a model was not fitted to, as predicted, over the stroke [%]."""
 
-    rms: float
-    """Root mean square over all held-out rows, as predicted, in the unit of the output."""
-    free_rms: float
-    """The same, with a separate constant for each part."""
-    largest: float
-    """Largest absolute error there."""
-    band: float
-    """95 % quantile of the absolute errors in the worst part, since another record is another
-    part.
+    #: Figures of the report.
+    names: ClassVar[tuple[str, ...]] = (
+        "rms_percent", "free_rms_percent", "interval_percent", "median_percent", "worst_percent",
+        "band_percent", "max_percent",
+    )  # fmt: skip
+
+    rms_percent: float
+    """Root mean square over all stretches."""
+    free_rms_percent: float
+    """The same, with a separate constant for each stretch."""
+    interval_percent: tuple[float, float] | None
+    """Interval that contains the rms error of another stretch with a probability of 95 %; None if
+    these stretches do not determine it.
     """
-    mean_square: Array
-    """Mean square of each part, shape (parts,)."""
-    standard_error: float | None = None
-    """Standard error of the rms over all, by its scatter between cycles."""
+    stretches_percent: Array
+    """Root mean square of each stretch, shape (n,)."""
+    band_percent: float
+    """Half the width of the band that holds 95 % of the errors on another stretch."""
+    max_percent: float
+    """Largest absolute error."""
     values: tuple[Mapping[str, float], ...] = ()
-    """Parameters by name, fitted without each part; an absent one is 0."""
+    """Parameters and offset by name, fitted without each stretch."""
+
+    @property
+    def median_percent(self) -> float:
+        """Median of the stretches."""
+        return float(np.median(self.stretches_percent))
+
+    @property
+    def worst_percent(self) -> float:
+        """Largest of the stretches."""
+        return float(np.max(self.stretches_percent))
 
 
-def cross_validate(
-    method: ModelFit, data: FitData, start: Array, *, stretches: bool = False
-) -> Folds | None:
-    """Fit to all cycles but one part, and compare with that part, for each part in turn.
+def stretches_of(data: FitData) -> list[tuple[NDArray[np.bool_], ...]]:
+    """Divide the rows in use into records or, of a single one, into stretches of its cycles."""
+    used = [k for k, use in enumerate(data.use) if use.any()]
+    if len(used) < 2:
+        return folds_of(data, _RULES.stretches, runs=1)
+    groups = np.array_split(used, min(len(used), _RULES.records))
+    return [tuple(use & (k in group) for k, use in enumerate(data.use)) for group in groups]
 
-    Rows not in use are omitted; the search begins at the optimum of all cycles. With `stretches`
-    each part is one stretch, so that time and amplitude are extrapolated where they grow, as for
-    another record; otherwise it is two that are far apart. None for fewer than two cycles.
+
+def cross_validate(method: ModelFit, data: FitData, optimum: Array) -> HeldOut | None:
+    """Fit to all stretches but one, and compare with that one, for each in turn.
+
+    The search begins at the optimum of all rows in use. Whole stretches are held out, so that time
+    is extrapolated, and amplitude and rate where they differ, as for another record. None for fewer
+    than two stretches.
     """
-    folds = folds_of(data, runs=1) if stretches else folds_of(data)
-    if len(folds) < 2:
+    stretches = stretches_of(data)
+    if len(stretches) < 2:
         return None
-    errors, free, values = [], [], []
-    at_rows = [np.zeros(r.at.size) for r in data.rows]
-    for held_out in folds:
-        fitted_rows = tuple(u & ~h for u, h in zip(data.use, held_out, strict=True))
-        part = data.with_use(fitted_rows)
-        fit = method.refit(part, start)
-        fold_residuals = residuals(fit.model, part)
-        held_errors = fold_residuals.predicted_at(held_out)
-        for row, error, of in zip(at_rows, fold_residuals.of_prediction, held_out, strict=True):
-            row[of] = error[of]
-        errors.append(np.concatenate(held_errors))
-        free.append(free_constant(held_errors))
-        values.append(dict(zip(fit.names, fit.values.tolist(), strict=True)))
-    every = np.concatenate(errors)
-    return Folds(
-        rms=root_mean_square(every),
-        free_rms=root_mean_square(np.concatenate(free)),
-        largest=float(np.max(np.abs(every))),
-        band=max(float(np.quantile(np.abs(e), BAND)) for e in errors),
-        mean_square=np.array([float(np.mean(e**2)) for e in errors]),
-        standard_error=rms_standard_error(at_rows, data),
-        values=tuple(values),
+    errors, values = [], []
+    for stretch in stretches:
+        part = data.with_use(tuple(u & ~h for u, h in zip(data.use, stretch, strict=True)))
+        model = method.refit(part, optimum).model
+        left = residuals(model, part)
+        errors.append(left.predicted_at(stretch))
+        values.append(_values(model, left))
+    return replace(held_out_errors(errors, data), values=tuple(values))
+
+
+def held_out_errors(errors: Sequence[Sequence[Array]], data: FitData) -> HeldOut:
+    """Return the figures of the errors of stretches, each in parts of one record."""
+    percent = 100.0 / data.stroke
+    stretches = [percent * np.concatenate(parts) for parts in errors]
+    every = np.concatenate(stretches)
+    each = np.array([root_mean_square(e) for e in stretches])
+    rms = root_mean_square(every)
+    return HeldOut(
+        rms_percent=rms,
+        free_rms_percent=percent * root_mean_square(free_constant([e for s in errors for e in s])),
+        interval_percent=_interval(rms, each),
+        stretches_percent=each,
+        band_percent=max(float(np.quantile(np.abs(e), _RULES.within)) for e in stretches),
+        max_percent=float(np.max(np.abs(every))),
     )
 
 
-def rms_standard_error(errors: Sequence[Array], data: FitData) -> float | None:
-    """Return the standard error of a root mean square, by its scatter between cycles.
-
-    Errors of a model in neighbouring cycles are correlated: the jackknife omits blocks of them in
-    turn (H. R. Kuensch, Ann. Statist. 17 (1989) 1217). Rows that are not in use are not counted;
-    None for fewer than two cycles.
-    """
-    blocks = folds_of(data, _BLOCKS, runs=1)
-    if len(blocks) < 2:
+def _interval(rms: float, stretches: Array) -> tuple[float, float] | None:
+    """95 % interval of another stretch: Student's t of the logarithms, and their known scatter."""
+    count = stretches.size
+    if count < _RULES.fewest:
         return None
-    parts = [np.concatenate([e[b] for e, b in zip(errors, block, strict=True)]) for block in blocks]
-    squares = np.array([float(np.sum(part**2)) for part in parts])
-    sizes = np.array([part.size for part in parts])
-    without = np.sqrt((squares.sum() - squares) / (sizes.sum() - sizes))
-    return float(jackknife(without))
+    scatter = float(np.std(np.log(np.maximum(stretches, 1e-300)), ddof=1))
+    by_chance = float(stdtrit(count - 1, 0.975)) * scatter * math.sqrt(1.0 + 1.0 / count)
+    width = math.hypot(by_chance, 1.96 * _RULES.between)
+    if width > math.log(_RULES.widest):
+        return None
+    return rms * math.exp(-width), rms * math.exp(width)
 
 
 def jackknife(values: Array) -> Array:
-    """Return the standard error of figures estimated without each of several parts in turn."""
-    count = values.shape[0]
-    return _few_parts_factor(count) * np.sqrt((count - 1) * np.var(values, axis=0))
+    """Return the standard error of figures estimated without each of several parts in turn.
 
-
-def another_stretch(rms: float, error: float, stretches: Array) -> float:
-    """Return the standard error of the rms of another stretch of cycles of the drive.
-
-    The error of the rms is by the scatter between held-out cycles; `stretches` are the rms of
-    held-out stretches. These differ by more than the scatter of their cycles, and the residual of
-    an extrapolation is larger.
+    Residuals are errors of the model, correlated within a cycle and between neighbours, so that
+    parts are omitted and not samples (R. G. Miller, Biometrika 61 (1974) 1). Twice the error
+    covers 95 % of Student's distribution.
     """
-    scatter = _few_parts_factor(stretches.size) * float(np.std(stretches, ddof=1))
-    extrapolation = float(np.sqrt(np.mean(stretches**2))) - rms
-    return float(np.sqrt(error**2 + scatter**2 + extrapolation**2))
-
-
-def _few_parts_factor(count: int) -> float:
-    """Factor by which twice an error of few parts covers 95 % of Student's distribution."""
-    return float(stdtrit(count - 1, 0.975)) / 1.96
+    count = values.shape[0]
+    few = float(stdtrit(count - 1, 0.975)) / 1.96
+    return few * np.sqrt((count - 1) * np.var(values, axis=0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,111 +226,54 @@ class ParameterEstimate:
 
 
 def estimates(
+    method: ModelFit,
     fit: FitResult,
     data: FitData,
-    residual: Residuals,
-    folds: Sequence[Folds],
+    left: Residuals,
+    validation: HeldOut | None,
     chain: Mapping[str, float],
 ) -> tuple[tuple[ParameterEstimate, ...], ParameterEstimate, tuple[str, ...]]:
     """Return the parameters of a model and its offset with standard errors, and warnings.
 
-    Residuals are correlated within a cycle and independent between cycles, so the covariance is
-    that of a sum over cycles (the sandwich estimator of K.-Y. Liang, S. L. Zeger, Biometrika 73
-    (1986) 13), and not that of independent samples, which is many times too small. It includes the
-    uncertainty of offsets and chain, which are fitted along. If the model was fitted without each
-    part of the cycles in turn, the jackknife over those parts is used where it is larger
-    (R. G. Miller, Biometrika 61 (1974) 1). `folds` are the fits without parts of the cycles, for
-    each division. `chain` is the standard error of each identified value of the chain, which the
-    errors of the parameters include.
+    The errors are those of the jackknife over the held-out stretches. `chain` is the standard
+    error of each identified value of the chain: the model is fitted again behind a chain that is
+    changed by it. Without a validation no parameter has an error; numbers that no fit changes are
+    no parameters.
     """
-    # the columns after these are no parameters of the model
-    named = slice(0, len(fit.names))
-    first = 0 if fit.jacobian is None else fit.jacobian.shape[1]
-    J = _jacobian(fit, data, tuple(chain))
-    # the common offset is the mean of the nuisance columns, which are the last ones
-    mean = np.zeros(J.shape[1])
-    mean[first + len(chain) :] = J[:, first + len(chain) :].mean(axis=0)
-    e = residual.at(data.use)
-    scale = np.sqrt(np.maximum(np.sum(J**2, axis=0), 1e-300))
-    J = J / scale
-    bread = np.linalg.pinv(J.T @ J, rcond=1e-13, hermitian=True)
-    sums = _sums_by_cycle(J * e[:, None], data)
-    count = sums.shape[0]
-    covariance = bread @ (sums.T @ sums) @ bread * count / max(count - 1, 1)
-    plain = bread * float(e @ e) / max(e.size - J.shape[1], 1)
-    # with few cycles the sum over them is too small, so the larger of the two is used
-    error = np.sqrt(np.maximum(np.diag(covariance), np.diag(plain)))[named] / scale[named]
-    for division in folds:
-        without = np.array([[values.get(n, 0.0) for n in fit.names] for values in division.values])
-        error = np.maximum(error, jackknife(without))
-    for c, width in enumerate(chain.values(), start=first):
-        along = bread[named, c] / max(bread[c, c], 1e-300) * scale[c] / scale[named]
-        error = np.hypot(error, along * width)
-    mean /= scale
-    offset = ParameterEstimate(
-        name="offset",
-        value=residual.offset,
-        standard_error=float(np.sqrt(max(mean @ covariance @ mean, mean @ plain @ mean))),
+    values = _values(fit.model, left)
+    now = np.array(list(values.values()))
+    error = np.full(now.size, np.inf)
+    if validation is not None:
+        without = np.array([[v[name] for name in values] for v in validation.values])
+        error = np.where(np.all(without == now, axis=0), 0.0, jackknife(without))
+        for name, width in chain.items():
+            shifted = replace(data.chain, **{name: getattr(data.chain, name) + width})
+            # columns belong to a chain, the choices of a fit do not
+            memo = {k: m for k, m in data.memo.items() if k.endswith((" start", " smoothing"))}
+            other = replace(data, chain=shifted, memo=memo)
+            model = method.refit(other, fit.search).model
+            changed = np.array(list(_values(model, residuals(model, other)).values()))
+            error = np.hypot(error, changed - now)
+    *parameters, offset = (
+        ParameterEstimate(name=n, value=float(v), standard_error=float(e))
+        for n, v, e in zip(values, now, error, strict=True)
     )
-    parameters = tuple(
-        ParameterEstimate(name=n, value=float(v), standard_error=float(s))
-        for n, v, s in zip(fit.names, fit.values, error, strict=True)
-    )
-    return parameters, offset, _warnings(parameters, plain[named, named])
-
-
-def _warnings(parameters: tuple[ParameterEstimate, ...], covariance: Array) -> tuple[str, ...]:
-    warnings = [
+    named = tuple(e for e in parameters if 0.0 < e.standard_error < math.inf)
+    warnings = tuple(
         f"the record does not determine {e.name}: {e.value:.3g} with a standard error of "
         f"{e.standard_error:.2g}"
-        for e in parameters
-        if "[" not in e.name and e.value != 0.0 and e.standard_error > _UNDETERMINED * abs(e.value)
-    ]
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = covariance / np.outer(sigma, sigma)
-    for i in range(len(parameters)):
-        for j in range(i):
-            if "[" in parameters[i].name or "[" in parameters[j].name:
-                continue
-            if abs(correlation[i, j]) > _INSEPARABLE:
-                warnings.append(
-                    f"the record hardly separates {parameters[j].name} and {parameters[i].name} "
-                    f"(correlation {correlation[i, j]:.3f})"
-                )
-    return tuple(warnings)
+        for e in named
+        if "[" not in e.name and e.standard_error > _RULES.undetermined * abs(e.value) > 0.0
+    )
+    return named, offset, warnings
 
 
-def _jacobian(fit: FitResult, data: FitData, searched: Sequence[str]) -> Array:
-    sections = data.sections
-    parts = [fit.jacobian] if fit.jacobian is not None else []
-    quasi = [fit.model.simulate(s.u).values[:, None] for s in sections]
-    for name in searched:
-        value = getattr(data.chain, name)
-        step = 1e-3 * value if value > 0.0 else {"delay": sections[0].dt}.get(name, 1e-3)
-        ends = []
-        for shifted in (value + step, max(value - step, 0.0)):
-            chain = replace(data.chain, **{name: shifted})
-            outputs = behind_chain(quasi, replace(data, chain=chain))
-            ends.append(np.concatenate([c[u, 0] for c, u in zip(outputs, data.use, strict=True)]))
-        width = value + step - max(value - step, 0.0)
-        parts.append(((ends[0] - ends[1]) / width)[:, None])
-    first = 0
-    total = sum(int(u.sum()) for u in data.use)
-    for s, r, u in zip(sections, data.rows, data.use, strict=True):
-        columns = np.zeros((total, s.nuisance.shape[1]))
-        count = int(u.sum())
-        columns[first : first + count] = s.nuisance[r.at[u]]
-        parts.append(columns)
-        first += count
-    return np.concatenate(parts, axis=1)
-
-
-def _sums_by_cycle(scores: Array, data: FitData) -> Array:
-    labels, offset = [], 0
-    for r, u in zip(data.rows, data.use, strict=True):
-        labels.append(r.cycle[u] + offset)
-        offset += int(r.cycle.max()) + 1
-    _, which = np.unique(np.concatenate(labels), return_inverse=True)
-    sums = np.zeros((int(which.max()) + 1, scores.shape[1]))
-    np.add.at(sums, which, scores)
-    return sums
+def _values(model: HysteresisModel, left: Residuals) -> dict[str, float]:
+    """Return the numbers of a model by name, those of an array by index, and the offset."""
+    values: dict[str, float] = {}
+    for name, value in model.parameters().items():
+        array = np.asarray(value, dtype=np.float64)
+        for index in np.ndindex(array.shape):
+            label = f"{name}[{','.join(map(str, index))}]" if index else name
+            values[label] = float(array[index])
+    return {**values, "offset": left.offset}

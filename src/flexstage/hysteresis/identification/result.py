@@ -42,14 +42,18 @@ class Identification(Result):
     """
     heldout_free_rms_percent: float | None
     """Root mean square there where the constant is fitted again [%]."""
-    heldout_standard_error: float | None
-    """Standard error of the rms of further cycles, by the scatter between held-out stretches of
-    cycles [%]; None where there are fewer than two.
+    heldout_interval_percent: tuple[float, float] | None
+    """95 % interval of the rms of another stretch of cycles, or of another record if there are
+    several [%]; None if the stretches do not determine it.
     """
+    heldout_median_percent: float | None
+    """Median of the rms of the held-out stretches [%]."""
+    heldout_worst_percent: float | None
+    """Largest of these [%]."""
     heldout_max_percent: float | None
     """Largest absolute value of the prediction's error there [%]."""
     heldout_band_percent: float | None
-    """Half the width of the band that holds 95 % of the prediction's errors there [%]."""
+    """Half the width of the band that holds 95 % of the errors on another stretch [%]."""
     stroke: float
     """Range of the output, in its unit."""
     noise_percent: float
@@ -102,7 +106,9 @@ class Identification(Result):
                 "max_percent",
                 "heldout_rms_percent",
                 "heldout_free_constant_rms_percent=heldout_free_rms_percent",
-                "heldout_standard_error_percent=heldout_standard_error",
+                "heldout_interval_percent",
+                "heldout_median_percent",
+                "heldout_worst_percent",
                 "heldout_max_percent",
                 "heldout_band_percent",
             ),

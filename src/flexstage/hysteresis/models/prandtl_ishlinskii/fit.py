@@ -39,9 +39,6 @@ class PrandtlIshlinskiiFit(LinearFit):
             gain=float(coefficients[0]), thresholds=_thresholds(data), weights=coefficients[1:]
         )
 
-    def names(self) -> tuple[str, ...]:
-        return ("gain", *(f"weights[{i}]" for i in range(PLAYS)))
-
 
 def interior_kinks(data: FitData, plays: PrandtlIshlinskii, count: int) -> Array:
     """Return kinks of a line behind plays: uniform over the output, and not at zero."""

@@ -54,11 +54,6 @@ class PreisachFit(LinearFit):
         slopes = coefficients.reshape(self._thresholds, self._means)
         return Preisach(thresholds=thresholds, knots=knots, slopes=slopes)
 
-    def names(self) -> tuple[str, ...]:
-        return tuple(
-            f"slopes[{i},{j}]" for i in range(self._thresholds) for j in range(self._means)
-        )
-
     def smoothing(self, data: FitData, moving: NDArray[np.bool_]) -> Array:
         # second differences along thresholds and along means; the first threshold, zero, is a gain
         # without memory and no neighbour of the others
