@@ -11,25 +11,21 @@ import math
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from flexstage.base.errors import FlexstageError
 from flexstage.hysteresis import identify
 from flexstage.hysteresis.identification.result import Identification
-from flexstage.hysteresis.prediction import Prediction, predict
 from flexstage.records import Record, read_record
 
 PICMA = Path(__file__).resolve().parents[2] / "shared" / "data" / "picma-p885"
-#: Intervals of 95 %, and the shares of errors that a band of 95 % may hold.
-WIDE, BAND = 1.96, (0.90, 0.99)
-QUANTILES = (0.05, 0.5, 0.95)
+#: Intervals of 95 %.
+WIDE = 1.96
 Pair = tuple[Record, ...]
 
 
@@ -67,10 +63,8 @@ def part(record: Record, start: int, stop: int) -> Record:
     return replace(record, channels=channels, time=record.time[start:stop])
 
 
-def cuts(
-    records: Pair, length: tuple[int, int], count: int
-) -> Iterator[tuple[Pair, tuple[tuple[int, int], ...]]]:
-    """Yield parts of records, and where they are."""
+def cuts(records: Pair, length: tuple[int, int], count: int) -> Iterator[Pair]:
+    """Yield parts of records."""
     rng = np.random.default_rng(50)
     for _ in range(count):
         size = int(rng.integers(*length))
@@ -80,7 +74,7 @@ def cuts(
             own = size if len(records) == 1 else size * r.time.size // 45
             start = int(rng.integers(0, r.time.size - own))
             ends.append((start, start + own))
-        yield tuple(part(r, *e) for r, e in zip(records, ends, strict=True)), tuple(ends)
+        yield tuple(part(r, *e) for r, e in zip(records, ends, strict=True))
 
 
 def stated(found: Identification) -> dict[str, tuple[float, float]]:
@@ -95,57 +89,14 @@ def stated(found: Identification) -> dict[str, tuple[float, float]]:
     return made
 
 
-def within(found: Identification, tried: Prediction) -> NDArray[np.bool_]:
-    """Samples after the warm-up of cycles that stay within the range that was identified."""
-    assert found.model.validity is not None
-    low, high = found.model.validity.input_range
-    margin = 0.01 * (high - low)
-    outside = (tried.command < low - margin) | (tried.command > high + margin)
-    period = float(np.median([1.0 / c.rate_hz for c in tried.cycles])) if tried.cycles else 0.0
-    reach = round(period / (tried.time[1] - tried.time[0]))
-    near = maximum_filter1d(outside.astype(np.int8), 2 * reach + 1) > 0
-    return ~near & (np.arange(near.size) >= tried.warm_up)
-
-
-def held_out(
-    found: Identification, records: Pair, ends: Sequence[tuple[int, int]], columns: tuple[str, str]
-) -> tuple[float, float] | None:
-    """Share of errors inside the stated band, and their rms [%], over what was not cut out.
-
-    With a free constant, and only where the drive stays within the range that was identified, as
-    the model says of itself.
-    """
-    band = found.heldout_band_percent
-    if band is None:
-        return None
-    errors = []
-    for r, (start, stop) in zip(records, ends, strict=True):
-        for a, b in ((0, start), (stop, r.time.size)):
-            if b - a < r.time.size // 5:
-                continue
-            tried = predict(found.model, part(r, a, b), *columns)
-            known = within(found, tried)
-            if known.sum() < r.time.size // 10:
-                continue
-            error = 100.0 * (tried.measured - tried.predicted)[known] / found.stroke
-            errors.append(error - error.mean())
-    if not errors:
-        return None
-    shares = [float(np.mean(np.abs(e) < band)) for e in errors]
-    return float(np.mean(shares)), float(np.sqrt(np.mean([np.mean(e**2) for e in errors])))
-
-
 def main() -> None:
     """Write the counts of every record, or pair."""
     count = int(sys.argv[1])
     every = pairs(Path(sys.argv[2])) if len(sys.argv) > 2 else picma()
     total: Counter[str] = Counter()
-    bands: list[float] = []
-    ratios: list[float] = []
-    wide: list[float] = []
     for records, driven, follows, length in every:
         whole = stated(identify(records, driven, follows, model="bouc-wen"))
-        for own, ends in cuts(records, length, count):
+        for own in cuts(records, length, count):
             try:
                 found = identify(own, driven, follows, model="bouc-wen")
             except FlexstageError as error:
@@ -158,28 +109,7 @@ def main() -> None:
                 both = math.hypot(error, whole[name][1] if math.isfinite(whole[name][1]) else 0.0)
                 inside = abs(value - whole[name][0]) <= WIDE * both
                 total[f"{name} {'covered' if inside else 'missed'}"] += 1
-            elsewhere = held_out(found, records, ends, (driven, follows))
-            if elsewhere is None:
-                continue
-            bands.append(elsewhere[0])
-            held, error = found.heldout_free_rms_percent, found.heldout_standard_error
-            if held is not None and error is not None:
-                inside = abs(elsewhere[1] - held) <= WIDE * error
-                total[f"held-out error {'covered' if inside else 'missed'}"] += 1
-                ratios.append(elsewhere[1] / held)
-                wide.append(error / held)
         sys.stdout.write(f"{records[0].source}: {whole}\n{dict(sorted(total.items()))}\n")
-        if bands:
-            inside = sum(BAND[0] <= b <= BAND[1] for b in bands)
-            sys.stdout.write(
-                f"the band of 95 % held {100 * np.median(bands):.1f} % of errors elsewhere in the "
-                f"median, {100 * min(bands):.0f} to {100 * max(bands):.0f}; {inside} of "
-                f"{len(bands)} cuts within 90 to 99 %, "
-                f"{sum(b > BAND[1] for b in bands)} above\n"
-                "in 5, 50 and 95 % of the cuts errors elsewhere over those held out are "
-                f"{np.round(np.quantile(ratios, QUANTILES), 2)}, and their standard errors "
-                f"{np.round(np.quantile(wide, QUANTILES), 2)}\n"
-            )
         sys.stdout.flush()
 
 

@@ -256,7 +256,7 @@ def _result(
     m = data.measurement
     drive = _drive_model(best, data)
     noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
-    report = quality_report(data, max(rms, error), noise)
+    report = quality_report(data, rms, noise)
     return Identification(
         model=drive,
         kind=best.method.kind,

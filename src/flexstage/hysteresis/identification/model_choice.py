@@ -105,7 +105,9 @@ def fit_model(method: ModelFit, data: FitData, *, validate: bool) -> FittedModel
     validation = cross_validate(method, data, fit.search) if validate else None
     others = data.with_use(tuple(~u for u in data.use))
     errors = [left.predicted_at(stretch) for stretch in stretches_of(others)]
-    held_out = held_out_errors(errors, data) if errors else validation
+    held_out = validation
+    if errors:
+        held_out = held_out_errors(errors, data, left.predicted_at(others.use))
     return FittedModel(
         method=method, fit=fit, residuals=left, validation=validation, held_out=held_out
     )

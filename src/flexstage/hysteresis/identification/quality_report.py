@@ -51,8 +51,9 @@ class QualityReport:
 def quality_report(data: FitData, error_percent: float, noise_percent: float) -> QualityReport:
     """Compare the residual of the best model with the noise and the residual of a straight line.
 
-    The error is the rms residual of the best model over the stroke [%], held out where there is
-    such a figure; the noise is that of the output [%].
+    The error is the rms residual of the best model where it was fitted, over the stroke [%]: one on
+    a stretch beyond the range or the rate of the others is of the prediction. The noise is that of
+    the output [%].
     """
     percent = 100.0 / data.stroke
     faults = list(data.findings)

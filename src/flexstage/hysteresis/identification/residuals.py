@@ -117,7 +117,7 @@ class HeldOut:
     rms_percent: float
     """Root mean square over all stretches."""
     free_rms_percent: float
-    """The same, with a separate constant for each stretch."""
+    """The same, with a separate constant for each stretch, or each record held out on request."""
     interval_percent: tuple[float, float] | None
     """Interval that contains the rms error of another stretch with a probability of 95 %; None if
     these stretches do not determine it.
@@ -171,16 +171,22 @@ def cross_validate(method: ModelFit, data: FitData, optimum: Array) -> HeldOut |
     return replace(held_out_errors(errors, data), values=tuple(values))
 
 
-def held_out_errors(errors: Sequence[Sequence[Array]], data: FitData) -> HeldOut:
-    """Return the figures of the errors of stretches, each in parts of one record."""
+def held_out_errors(
+    errors: Sequence[Sequence[Array]], data: FitData, parts: Sequence[Array] = ()
+) -> HeldOut:
+    """Return the figures of the errors of stretches, each in parts of one record.
+
+    The free constants are those of other parts if these are given.
+    """
     percent = 100.0 / data.stroke
-    stretches = [percent * np.concatenate(parts) for parts in errors]
+    stretches = [percent * np.concatenate(of_records) for of_records in errors]
     every = np.concatenate(stretches)
     each = np.array([root_mean_square(e) for e in stretches])
     rms = root_mean_square(every)
+    free = free_constant(parts or [e for of_records in errors for e in of_records])
     return HeldOut(
         rms_percent=rms,
-        free_rms_percent=percent * root_mean_square(free_constant([e for s in errors for e in s])),
+        free_rms_percent=percent * root_mean_square(free),
         interval_percent=_interval(rms, each),
         stretches_percent=each,
         band_percent=max(float(np.quantile(np.abs(e), _RULES.within)) for e in stretches),
