@@ -118,11 +118,11 @@ def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple
     rms = {n: root_mean_square(t.errors_percent(data)) for n, t in models.items()}
     # held-out samples without motion are no test: the fitted samples are cross-validated then
     scored = {n: t.validation or t.held_out for n, t in models.items()}
-    score = {n: rms[n] if held is None else held.rms_percent for n, held in scored.items()}
+    score = {n: rms[n] if one is None else one.rms_percent for n, one in scored.items()}
     # one that has no inverse cannot compensate, however well it fits
     usable = [n for n in score if _invertible(models[n])] or list(score)
     best = min(usable, key=lambda n: score[n])
-    scatter = {n: _by_chance(held, scored[best]) for n, held in scored.items()}
+    scatter = {n: _by_chance(one, scored[best]) for n, one in scored.items()}
     # squares are compared, as they are means over the parts and their difference is normal; the
     # factor is a second bound, as one bad part makes the spread of a model as large as its excess
     close = [
@@ -138,12 +138,12 @@ def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple
             kind=n,
             size=models[n].method.size,
             rms_percent=rms[n],
-            heldout_rms_percent=None if held is None else held.rms_percent,
-            heldout_free_rms_percent=None if held is None else held.free_rms_percent,
+            heldout_rms_percent=None if other is None else other.rms_percent,
+            heldout_free_rms_percent=None if other is None else other.free_rms_percent,
             failed=_DIVERGES if score[n] > _NO_PREDICTION else "",
         )
         for n in order
-        for held in [models[n].held_out]
+        for other in [models[n].held_out]
     )
 
 
