@@ -221,7 +221,8 @@ def bouc_wen(count: int = SAMPLES, starts: int = STARTS) -> Iterator[Row]:
     begins = draw.uniform(BOUNDS[0], BOUNDS[1], (starts, 4))
 
     def ours(begin: Array) -> float:
-        left = residuals(BoucWenFit().fit(data, begin[:2]).model, data).at(data.use)
+        errors = residuals(BoucWenFit().fit(data, begin[:2]).model, data).predicted_at(data.use)
+        left = np.concatenate(errors)
         return float(np.sqrt(np.mean(left**2))) / data.stroke
 
     def within(begin: Array) -> float:

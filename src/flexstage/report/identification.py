@@ -113,19 +113,23 @@ def heldout_in_words(result: Identification) -> str:
     r = result
     if r.heldout_rms_percent is None:
         return ""
-    another = "another record" if len(r.measurement.sections) > 1 else "another stretch"
-    if r.heldout_interval_percent is not None:
-        low, high = r.heldout_interval_percent
-        interval = f"{another} {low:.2g} to {high:.2g} (95 %)"
-    else:
-        interval = (
-            f"{another} not determined: median of the stretches {r.heldout_median_percent:.3g}, "
-            f"worst {r.heldout_worst_percent:.3g}"
-        )
     return (
-        f"held out, as predicted: {r.heldout_rms_percent:.3f} % of the stroke rms, {interval}; "
-        f"95 % within {r.heldout_band_percent:.2f}, largest {r.heldout_max_percent:.2f}"
+        f"held out, as predicted: {r.heldout_rms_percent:.3f} % of the stroke rms, "
+        f"{interval_in_words(r)}; 95 % within {r.heldout_band_percent:.2f}, "
+        f"largest {r.heldout_max_percent:.2f}"
     )
+
+
+def interval_in_words(result: Identification) -> str:
+    """Return the interval of the held-out error, or what there is without one."""
+    another = "another record" if len(result.measurement.sections) > 1 else "another stretch"
+    if result.heldout_interval_percent is None:
+        return (
+            f"{another} not determined: median of the stretches "
+            f"{result.heldout_median_percent:.3g}, worst {result.heldout_worst_percent:.3g}"
+        )
+    low, high = result.heldout_interval_percent
+    return f"{another} {low:.2g} to {high:.2g} (95 %)"
 
 
 def quality_in_words(result: Identification) -> str:

@@ -252,6 +252,9 @@ def _result(
     errors, held_out = best.errors_percent(data), best.held_out
     rms = root_mean_square(errors)
     error = rms if held_out is None else held_out.rms_percent
+    figures: dict[str, Any] = {
+        f"heldout_{name}": getattr(held_out, name, None) for name in HeldOut.names
+    }
     settling, starts = _before(best, data)
     m = data.measurement
     drive = _drive_model(best, data)
@@ -262,7 +265,7 @@ def _result(
         kind=best.method.kind,
         rms_percent=rms,
         max_percent=float(np.max(np.abs(errors))),
-        **{f"heldout_{name}": getattr(held_out, name, None) for name in HeldOut.names},
+        **figures,
         stroke=m.stroke,
         noise_percent=noise,
         parameters=parameters,

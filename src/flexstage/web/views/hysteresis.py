@@ -16,6 +16,7 @@ from flexstage.report.identification import (
     candidates_table,
     failures,
     identification_in_words,
+    interval_in_words,
     parameters_table,
     quality_in_words,
 )
@@ -98,7 +99,8 @@ class ModelPanel:
         with div("row-of-figures"):
             if (heldout_rms := identification.heldout_rms_percent) is not None:
                 length = readable(unit, 0.01 * heldout_rms * stroke)
-                figure("Held-out error", f"{heldout_rms:.3f} % rms", length)
+                note = f"{length}; {interval_in_words(identification)}"
+                figure("Held-out error", f"{heldout_rms:.3f} % rms", note)
             if (band := identification.heldout_band_percent) is not None:
                 length = readable(unit, 0.01 * band * stroke)
                 figure("Held-out errors, 95 % within", f"+-{band:.2f} %", f"+-{length}")
