@@ -36,8 +36,10 @@ class _Thresholds:
     """Samples that all records are averaged to: bounds the time of the search."""
     rows: int = 6000
     """Rows of these that the coarse model is fitted to: bounds the time of the search."""
-    fewest_rows: int = 50
-    """A record of fewer rows is not searched: an identification needs 50 samples as well."""
+    cycles: int = 5
+    """Fewest cycles of a record after both ends of the range were reached, as for identification:
+    the coarse model takes the motion of fewer for jumps.
+    """
     dictionary: tuple[int, int] = (8, 8)
     """Plays and intervals of the coarse Preisach model, as in the search for the chain."""
     jumps: int = 3
@@ -90,7 +92,8 @@ def baseline_shifts(data: FitData) -> list[RecordFault]:
     creep that is not logarithmic may be reported as a drift.
     """
     records = _StackedRecords.of(data)
-    if min(r.at.size for r in records.rows) < _THRESHOLDS.fewest_rows:
+    parts = zip(records.rows, records.cycle_rows, strict=True)
+    if any(r.at.size < _THRESHOLDS.cycles * cycle for r, cycle in parts):
         return []
     model = _coarse_model(records, data)
     rows: list[int] = []
@@ -129,7 +132,9 @@ class _StackedRecords:
         """Average the records of an identification."""
         size = max(1, _THRESHOLDS.samples // len(data.sections))
         sections = tuple(averaged(s, size) for s in data.sections)
-        rows = rows_of(sections, _THRESHOLDS.rows)
+        # earlier motion affects samples until both ends were reached
+        after = tuple(replace(s, warm_up=max(s.warm_up, s.both_ends)) for s in sections)
+        rows = rows_of(after, _THRESHOLDS.rows)
         return cls(
             full_sections=data.sections,
             sections=sections,

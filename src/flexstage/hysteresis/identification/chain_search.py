@@ -11,18 +11,21 @@ from scipy.optimize import minimize, minimize_scalar
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import Start
 from flexstage.hysteresis.identification.chain_residual import ChainResidual
-from flexstage.hysteresis.identification.cycles import RecordSection
+from flexstage.hysteresis.identification.cycles import RecordSection, memories
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.jump_response import jump_response
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
+    with_history,
     without_history,
 )
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
-#: A drive is assumed to have rested before a record unless another start reduces the residual by
-#: this factor.
+#: The usual motion before a record is assumed unless another reduces the residual by this factor.
 _BETTER = 0.99
+
+#: Motion of a drive before a record, for its creep: rest, none since the low end, long motion.
+_STARTS: tuple[Start, ...] = ("rested", 0.0, math.inf)
 
 #: Largest delay, as a share of the shortest cycle.
 _LONGEST_DELAY = 0.08
@@ -147,6 +150,38 @@ def find_chain(
         if estimate.values.resonance_hz == start.resonance_hz:
             estimate = _with_delay(search, at, jumps.delay_error, data)
     return replace(estimate, notes=(*notes, *estimate.notes))
+
+
+def find_memories(
+    data: IdentificationData, estimate: ChainEstimate, *, train: tuple[int, int] | None = None
+) -> IdentificationData:
+    """Return the records with the motion before them that set the memory of the hysteresis.
+
+    It matters until both ends of the range were reached. Where samples before that are counted, the
+    memory with the smallest residual over all samples of the record is selected, for the best start
+    of creep; that is the usual one unless it is known, as a free one would replace the memory.
+    """
+    chain = estimate.values
+    if estimate.searched:
+        chain = replace(chain, creep_per_decade=_USUAL_CREEP)
+    sections = list(data.sections)
+    for i, section in enumerate(sections):
+        if section.both_ends <= section.warm_up:
+            continue
+        bare, best, least = without_history(section), section, math.inf
+        for memory in memories(section.cycles.range, bare.u[0]):
+            trial = with_history(replace(bare, memory=memory))
+            # the first samples show the memory best
+            alone = replace(data, sections=(replace(trial, warm_up=trial.history),))
+            search = ChainResidual(alone, train)
+            if chain.resonance_hz > 0.0:
+                search.fix_modes(chain)
+            for start in _STARTS:
+                search.set_starts((start,))
+                if (rms := search.rms(chain)) < _BETTER * least:
+                    best, least = trial, rms
+        sections[i] = best
+    return replace(data, sections=tuple(sections))
 
 
 def find_starts(
