@@ -157,30 +157,43 @@ def find_memories(
 ) -> IdentificationData:
     """Return the records with the motion before them that set the memory of the hysteresis.
 
-    It matters until both ends of the range were reached. Where samples before that are counted, the
-    memory with the smallest residual over all samples of the record is selected, for the best start
-    of creep; that is the usual one unless it is known, as a free one would replace the memory.
+    It matters until both ends of the range were reached. If samples before that are counted, all
+    samples of the record are compared with each memory, with the best start of creep. Creep is the
+    usual one unless it is known: a free one would replace the memory.
+
+    Validity: motion that ended with a loop inside the range leaves a memory that is none of these;
+    a single record of one closed loop fits almost any memory.
     """
+    late = [i for i, s in enumerate(data.sections) if s.both_ends > s.warm_up]
     chain = estimate.values
     if estimate.searched:
         chain = replace(chain, creep_per_decade=_USUAL_CREEP)
-    sections = list(data.sections)
-    for i, section in enumerate(sections):
-        if section.both_ends <= section.warm_up:
-            continue
-        bare, best, least = without_history(section), section, math.inf
-        for memory in memories(section.cycles.range, bare.u[0]):
-            trial = with_history(replace(bare, memory=memory))
-            # the first samples show the memory best
-            alone = replace(data, sections=(replace(trial, warm_up=trial.history),))
-            search = ChainResidual(alone, train)
-            if chain.resonance_hz > 0.0:
-                search.fix_modes(chain)
-            for start in _STARTS:
-                search.set_starts((start,))
-                if (rms := search.rms(chain)) < _BETTER * least:
-                    best, least = trial, rms
-        sections[i] = best
+    sections = [
+        replace(s, warm_up=s.history) if i in late else s for i, s in enumerate(data.sections)
+    ]
+    search = ChainResidual(replace(data, sections=tuple(sections)), train)
+    if chain.resonance_hz > 0.0:
+        search.fix_modes(chain)
+    best, start, least = {}, _STARTS[0], math.inf
+    names = tuple(memories((0.0, 1.0), 0.0))
+    # first the same memory of all records, then another one of each
+    for memory in names:
+        for i in late:
+            search.set_memory(i, memory)
+        for trial in _STARTS:
+            search.set_starts((trial,) * len(sections))
+            if (rms := search.rms(chain)) < _BETTER * least:
+                best, start, least = dict.fromkeys(late, memory), trial, rms
+    search.set_starts((start,) * len(sections))
+    for i in late if len(late) > 1 else ():
+        for memory in names:
+            for k in late:
+                search.set_memory(k, memory if k == i else best[k])
+            if (rms := search.rms(chain)) < _BETTER * least:
+                best, least = {**best, i: memory}, rms
+    for i, memory in best.items():
+        bare = without_history(data.sections[i])
+        sections[i] = with_history(replace(bare, memory=memory))
     return replace(data, sections=tuple(sections))
 
 

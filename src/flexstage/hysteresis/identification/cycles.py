@@ -149,11 +149,11 @@ def memories(ends: tuple[float, float], first: float) -> dict[str, Array]:
     return {
         USUAL_MEMORY: np.array([high, low]),
         "cycles over the full range that ended at its high end": np.array([low, high]),
+        "none since depolarisation at zero input": np.zeros(1),
         "motion from below the range": np.array([above, below]),
         "motion from above the range": np.array([below, above]),
         "decreasing cycles about the first command": first + sizes,
         "decreasing cycles about the middle of the range": 0.5 * (low + high) + sizes,
-        "none since depolarisation at zero input": np.zeros(1),
     }
 
 
