@@ -140,20 +140,23 @@ class RecordSection:
 def memories(ends: tuple[float, float], first: float) -> dict[str, Array]:
     """Return inputs before a record that set the memory of a hysteresis, by their description.
 
-    `ends` is the range of the input, and `first` the first command of the record. After loops of
-    decreasing size all plays have the same output, as after depolarisation, at zero.
+    `ends` is the range of the input, and `first` the first command of the record. A wider range is
+    one from zero, or of three times the size where the drive is used on both sides of zero. After
+    loops of decreasing size all plays have the same output, as after depolarisation, at zero.
     """
     low, high = ends
-    below, above = 2.0 * low - high, 2.0 * high - low
-    sizes = (high - low) * np.linspace(1.0, 0.0, _LOOPS) * (-1.0) ** np.arange(_LOOPS)
+    size = high - low
+    bottom = min(low, 0.0) if low > -_THRESHOLDS.end * size else low - size
+    top = max(high, 0.0) if high < _THRESHOLDS.end * size else high + size
+    loops = size * np.linspace(1.0, 0.0, _LOOPS) * (-1.0) ** np.arange(_LOOPS)
     return {
         USUAL_MEMORY: np.array([high, low]),
         "cycles over the full range that ended at its high end": np.array([low, high]),
         "none since depolarisation at zero input": np.zeros(1),
-        "motion from below the range": np.array([above, below]),
-        "motion from above the range": np.array([below, above]),
-        "decreasing cycles about the first command": first + sizes,
-        "decreasing cycles about the middle of the range": 0.5 * (low + high) + sizes,
+        "cycles over a wider range that ended at its low end": np.array([top, bottom]),
+        "cycles over a wider range that ended at its high end": np.array([bottom, top]),
+        "decreasing cycles about the first command": first + loops,
+        "decreasing cycles about the middle of the range": 0.5 * (low + high) + loops,
     }
 
 
