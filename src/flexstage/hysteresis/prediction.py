@@ -14,10 +14,13 @@ from flexstage.files.result import Result
 from flexstage.hysteresis.chain.creep import Start
 from flexstage.hysteresis.drive_model import DriveModel, range_warnings, start_data
 from flexstage.hysteresis.identification.cycles import (
+    USUAL_MEMORY,
     Cycles,
+    RecordSection,
     by_rate,
     cycles,
     first_moving,
+    memories,
     unknown_history_warning,
     warm_up,
 )
@@ -243,7 +246,7 @@ def predict(
     # a median, as the model does not include the first samples after a jump
     enough = int(np.isfinite(y[first:begin]).sum()) >= _FEWEST_SAMPLES
     warm_up_samples = slice(first, begin) if enough else slice(0)
-    starts, predicted = _possible_starts(model, u, y, dt, warm_up_samples, start)
+    memory, starts, predicted = _possible_starts(model, u, y, dt, warm_up_samples, start)
     if not np.isfinite(y[begin:]).any():
         begin = 0  # a table has no measured samples before its branches
     stroke = float(np.nanmax(y[begin:]) - np.nanmin(y[begin:]))
@@ -252,9 +255,18 @@ def predict(
             f"column '{output_channel.name}' of {record.source or 'the record'} is constant after "
             f"the first {begin} samples, which are not counted: give a longer record"
         )
-    early = unknown_history_warning(
-        [(u[first:], moves, dt, begin - first, first * dt)] if has_cycle else []
+    section = RecordSection(
+        u=u[first:],
+        y=y[first:],
+        dt=dt,
+        cycles=moves,
+        memory=memory,
+        warm_up=begin - first,
+        nuisance=np.ones((u.size - first, 1)),
+        noise=noise,
+        begin=first * dt,
     )
+    early = unknown_history_warning([section] if has_cycle else [])
     percent = 100.0 / stroke
     error = (y - predicted) * percent
     counted = error[begin:][np.isfinite(error[begin:])]
@@ -309,21 +321,39 @@ def predict_each(
 
 def _possible_starts(
     model: DriveModel, u: Array, y: Array, dt: float, before: slice, start: Start | None
-) -> tuple[tuple[Start, ...], Array]:
-    """Possible starts, the likeliest first, and the readings after that one.
+) -> tuple[str, tuple[Start, ...], Array]:
+    """Memory of the hysteresis, possible starts, the likeliest first, and the readings after it.
 
     They are estimated from the samples that are not counted.
     """
     starts = (start,) if start is not None else _STARTS if model.creep is not None else _STARTS[:1]
-    simulations: list[tuple[Start, Array]] = [(s, model.simulate(u, dt, start=s)) for s in starts]
+    states = _memory_states(model, float(u[0]))
+    memory = next(iter(states))
     if before.stop == 0:
-        return starts, simulations[0][1]
-    errors = [float(np.nanmedian(np.abs(y - m[1])[before])) for m in simulations]
+        return memory, starts, model.simulate(u, dt, states[memory], start=starts[0])
+
+    def trial(memory: str, start: Start) -> tuple[float, Array]:
+        reading = model.simulate(u, dt, states[memory], start=start)
+        return float(np.nanmedian(np.abs(y - reading)[before])), reading
+
+    few = dict.fromkeys((starts[0], *starts[-2:]))
+    least = {m: min(trial(m, s)[0] for s in few) for m in states}
+    if least[memory] > _EQUAL * min(least.values()):
+        memory = min(least, key=lambda m: least[m])
+    errors, readings = zip(*(trial(memory, s) for s in starts), strict=True)
     best = int(np.argmin(errors))
-    others = tuple(
-        i for i in range(len(errors)) if i != best and errors[i] <= _EQUAL * errors[best]
-    )
-    return tuple(starts[i] for i in (best, *others)), simulations[best][1]
+    others = (i for i, e in enumerate(errors) if i != best and e <= _EQUAL * errors[best])
+    return memory, tuple(starts[i] for i in (best, *others)), readings[best]
+
+
+def _memory_states(model: DriveModel, first: float) -> dict[str, Array | None]:
+    """States of the hysteresis that motion before a record may have set, the usual one first."""
+    if model.validity is None:
+        return {USUAL_MEMORY: None}
+    return {
+        memory: None if memory == USUAL_MEMORY else model.hysteresis.simulate(inputs).state
+        for memory, inputs in memories(model.validity.input_range, first).items()
+    }
 
 
 def _cycles(

@@ -3,24 +3,32 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum, Start
+from flexstage.hysteresis.identification.chain_residual import dictionary
 from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     Rows,
     averaged,
-    filtered,
     rows_of,
 )
-from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.projection import Normal, orthonormal, solve
-from flexstage.hysteresis.models.preisach.fit import PreisachFit
+from flexstage.hysteresis.identification.model_fit import FitData, behind_chain
+from flexstage.hysteresis.identification.projection import (
+    Normal,
+    Solution,
+    group_sums,
+    orthonormal,
+    residual_square,
+    solve,
+)
 from flexstage.quantities.units import readable, readable_unit
 
 
@@ -36,10 +44,10 @@ class _Thresholds:
     """Samples that all records are averaged to: bounds the time of the search."""
     rows: int = 6000
     """Rows of these that the coarse model is fitted to: bounds the time of the search."""
-    fewest_rows: int = 50
-    """A record of fewer rows is not searched: an identification needs 50 samples as well."""
-    dictionary: tuple[int, int] = (8, 8)
-    """Plays and intervals of the coarse Preisach model, as in the search for the chain."""
+    cycles: int = 5
+    """Fewest cycles of a record after both ends of the range were reached, as for identification:
+    the coarse model takes the motion of fewer for jumps.
+    """
     jumps: int = 3
     """Largest number of jumps in all records."""
     share: float = 0.15
@@ -60,6 +68,8 @@ class _Thresholds:
     """Largest creep [1 per decade], far above the 1 to 2 % of piezo stacks (Physik Instrumente,
     Piezo Tutorial, "Creep").
     """
+    creep_error: float = 1e-5
+    """Largest error of that creep [1 per decade]."""
     usual_creep: float = 0.05
     """Largest weight of the slowest lag of a spectrum [1]: the same source; a larger weight
     includes a drift.
@@ -71,8 +81,6 @@ class _Thresholds:
 
 
 _THRESHOLDS = _Thresholds()
-#: Largest number of iterations of density and creep, and the change of creep that ends them.
-_ITERATIONS, _CREEP_TOLERANCE = 6, 1e-5
 
 
 def baseline_shifts(data: FitData) -> list[RecordFault]:
@@ -90,9 +98,9 @@ def baseline_shifts(data: FitData) -> list[RecordFault]:
     creep that is not logarithmic may be reported as a drift.
     """
     records = _StackedRecords.of(data)
-    if min(r.at.size for r in records.rows) < _THRESHOLDS.fewest_rows:
+    if np.any(np.diff(records.ends) < _THRESHOLDS.cycles * np.array(records.cycle_rows)):
         return []
-    model = _coarse_model(records, data)
+    model = _CoarseModel.of(records)
     rows: list[int] = []
     while len(rows) < _THRESHOLDS.jumps and (row := _next_jump(model, rows)) is not None:
         rows.append(row)
@@ -115,10 +123,8 @@ class _StackedRecords:
 
     full_sections: tuple[RecordSection, ...]
     """The records as they were measured."""
-    sections: tuple[RecordSection, ...]
-    """The averaged records."""
-    rows: tuple[Rows, ...]
-    """The samples of each averaged record."""
+    data: FitData
+    """The averaged records, behind the chain without creep."""
     ends: NDArray[np.intp]
     """First row of each record, and the row after the last, shape (records + 1,)."""
     y: Array
@@ -129,11 +135,13 @@ class _StackedRecords:
         """Average the records of an identification."""
         size = max(1, _THRESHOLDS.samples // len(data.sections))
         sections = tuple(averaged(s, size) for s in data.sections)
-        rows = rows_of(sections, _THRESHOLDS.rows)
+        # earlier motion affects samples until both ends were reached
+        after = [replace(s, warm_up=max(s.warm_up, s.both_ends)) for s in sections]
+        rows = rows_of(after, _THRESHOLDS.rows)
+        chain = replace(data.chain, creep_per_decade=0.0, spectrum=None)
         return cls(
             full_sections=data.sections,
-            sections=sections,
-            rows=rows,
+            data=replace(data, sections=sections, chain=chain, rows=rows, use=(), memo={}),
             ends=np.cumsum([0, *(r.at.size for r in rows)]),
             y=np.concatenate([s.y[r.at] for s, r in zip(sections, rows, strict=True)]),
         )
@@ -141,18 +149,19 @@ class _StackedRecords:
     @property
     def nuisance(self) -> Array:
         """Nuisance columns of each record, zero in the others, shape (n, k)."""
-        pairs = zip(self.sections, self.rows, strict=True)
+        pairs = zip(self.data.sections, self.data.rows, strict=True)
         return self._block_diagonal([s.nuisance[r.at] for s, r in pairs])
 
     @property
     def trends(self) -> Array:
         """Rise by 1 over each record, about zero, and zero in the others, shape (n, records)."""
-        return self._block_diagonal([_trend(r)[:, None] for r in self.rows])
+        return self._block_diagonal([_trend(r)[:, None] for r in self.data.rows])
 
     @property
     def cycle_rows(self) -> tuple[int, ...]:
         """Number of rows in a cycle of each record."""
-        return tuple(_rows_in_cycle(s, r) for s, r in zip(self.sections, self.rows, strict=True))
+        pairs = zip(self.data.sections, self.data.rows, strict=True)
+        return tuple(_rows_in_cycle(s, r) for s, r in pairs)
 
     def _block_diagonal(self, blocks: list[Array]) -> Array:
         matrix = np.zeros((self.y.size, sum(b.shape[1] for b in blocks)))
@@ -181,7 +190,7 @@ class _StackedRecords:
     def locate(self, row: int) -> tuple[int, float]:
         """Return the number of a row's record, and the time from its first sample [s]."""
         k = self.record_of(row)
-        at, s, full = self.rows[k].at, self.sections[k], self.full_sections[k]
+        at, s, full = self.data.rows[k].at, self.data.sections[k], self.full_sections[k]
         i = row - int(self.ends[k])
         # the largest step of the samples between two rows
         a, b = (round((at[j] - s.history) * s.dt / full.dt) + full.history for j in (i - 1, i))
@@ -210,153 +219,113 @@ class _CoarseModel:
 
     records: _StackedRecords
     """The records."""
-    chain: ChainValues
-    """The chain without creep."""
-    quasi_static: tuple[Array, ...]
+    quasi_static: list[Array]
     """Columns of the Preisach model at every sample of each record, shape (samples, m)."""
-    plain: Array
-    """The same behind the chain, at the rows, shape (n, m)."""
-    creep: Array
-    """Change of these by a unit of creep, shape (n, m)."""
-    columns: Array
-    """Both, shape (n, 2 m), ..."""
-    gram: Array
-    """... their products with one another ..."""
-    right: Array
-    """... and with the output."""
     penalty: Array
     """Penalty of the density, per row."""
-    first_creep: float
-    """Creep that the search begins with [1 per decade]."""
+    columns: Array
+    """The columns behind the chain, at the rows, and their change by a unit of creep, (n, 2 m)."""
+    gram: Array
+    """Products of these with one another."""
 
-    def solve(self, extra: Array) -> _Solution:
-        """Find density and creep in turn, with extra columns of any sign."""
-        y = self.records.y
-        free = np.column_stack((extra, self.records.nuisance))
-        m, k, n = self.plain.shape[1], free.shape[1], y.size
-        across = self.columns.T @ free
-        gram = np.block([[self.gram, across], [across.T, free.T @ free]])
-        right = np.concatenate((self.right, free.T @ y))
-        square = float(y @ y)
-        # fitted columns as sums of all: those with creep, the free ones, and a change of creep
-        mix = np.zeros((2 * m + k, m + k + 1))
-        mix[:m, :m], mix[2 * m :, m:-1] = np.eye(m), np.eye(k)
-        creep, weights = self.first_creep, np.zeros(m)
-        coefficients, total = np.zeros(k), np.zeros(2 * m + k)
-        for iteration in range(_ITERATIONS):
-            mix[m : 2 * m, :m] = creep * np.eye(m)
-            # the change of creep needs a density, which the first iteration gives
-            sums = mix if iteration else mix[:, :-1]
-            normal = Normal(
-                gram=sums.T @ gram @ sums, right=sums.T @ right, square=square, count=n, columns=m
-            )
-            solution = solve(normal, smoothing=self.penalty * n)
-            weights, coefficients = solution.coefficients, solution.nuisance
-            total = sums @ np.concatenate((weights, coefficients))
-            mix[m : 2 * m, -1] = weights
-            if not iteration:
-                continue
-            last = creep
-            creep = float(np.clip(creep + coefficients[-1], 0.0, _THRESHOLDS.largest_creep))
-            if abs(creep - last) < _CREEP_TOLERANCE:
-                break
-        return _Solution(
-            residual=y - self.columns @ total[: 2 * m] - free @ total[2 * m :],
-            weights=weights,
-            creep=creep,
-            extra=coefficients[: extra.shape[1]],
+    @classmethod
+    def of(cls, records: _StackedRecords) -> "_CoarseModel":
+        """Return the coarse model of records, with logarithmic creep."""
+        quasi_static, _, penalty = dictionary(records.data)
+        none = np.zeros((0, 0))
+        model = cls(
+            records=records,
+            quasi_static=[np.asfortranarray(c) for c in quasi_static],
+            penalty=penalty * records.data.input_scale**2,
+            columns=none,
+            gram=none,
         )
-
-    def active_columns(self, solution: _Solution) -> Array:
-        """Columns of the density that is not zero, with the creep of a solution."""
-        return (self.plain + solution.creep * self.creep)[:, solution.weights > 0.0]
-
-    def tangents(self, solution: _Solution) -> Array:
-        """Changes of the model about a solution: its density, and a lag for every decade."""
-        sections, rows = self.records.sections, self.records.rows
-        shortest = math.log10(10.0 * min(s.dt for s in sections))
-        longest = math.log10(self.chain.creep_longest)
-        lags = []
-        for decade in range(math.ceil(shortest), math.floor(longest) + 1):
-            lag = CreepSpectrum(times=(10.0**decade,), weights=(1.0,))
-            chain = replace(self.chain, spectrum=lag, creep_per_decade=lag.rate_per_decade)
-            columns = [
-                filtered((c @ solution.weights)[:, None], s, r, chain)
-                for c, s, r in zip(self.quasi_static, sections, rows, strict=True)
-            ]
-            lags.append(np.concatenate(columns))
-        return np.column_stack((self.active_columns(solution), *lags))
+        return model.with_creep(records.data.sections, None)
 
     def with_creep(
         self, sections: Sequence[RecordSection], spectrum: CreepSpectrum | None
     ) -> "_CoarseModel":
         """Return the model with creep of another start or spectrum."""
-        creep = _unit_creep(self.quasi_static, sections, self.records.rows, self.chain, spectrum)
-        creep -= self.plain
-        columns = np.column_stack((self.plain, creep))
-        return replace(
-            self,
-            creep=creep,
-            columns=columns,
-            gram=columns.T @ columns,
-            right=columns.T @ self.records.y,
+        data = replace(self.records.data, sections=tuple(sections))
+        chain = replace(data.chain, creep_per_decade=1.0, spectrum=spectrum)
+        plain, creep = (
+            np.concatenate(behind_chain(self.quasi_static, d))
+            for d in (data, replace(data, chain=chain))
         )
+        columns = np.column_stack((plain, creep - plain))
+        return replace(self, columns=columns, gram=columns.T @ columns)
+
+    def solve(self, extra: Array) -> _Solution:
+        """Find density and creep, with extra columns of any sign."""
+        y, free = self.records.y, np.column_stack((extra, self.records.nuisance))
+        across = self.columns.T @ free
+        normal = Normal(
+            gram=np.block([[self.gram, across], [across.T, free.T @ free]]),
+            right=np.concatenate((self.columns.T @ y, free.T @ y)),
+            square=float(y @ y),
+            count=y.size,
+            columns=self.columns.shape[1],
+        )
+
+        def fit(creep: float) -> tuple[float, Solution]:
+            sums = group_sums(normal, np.array([1.0, creep]))
+            density = solve(sums, smoothing=self.penalty * y.size)
+            return residual_square(sums, density), density
+
+        minimum: Any = minimize_scalar(
+            lambda creep: fit(float(creep))[0],
+            # less than none stands for a delay of the chain that is too long
+            bounds=(-_THRESHOLDS.largest_creep, _THRESHOLDS.largest_creep),
+            method="bounded",
+            options={"xatol": _THRESHOLDS.creep_error},
+        )
+        creep = float(minimum.x)
+        density = fit(creep)[1]
+        model = self._with_creep(creep) @ density.coefficients
+        return _Solution(
+            residual=y - model - free @ density.nuisance,
+            weights=density.coefficients,
+            creep=creep,
+            extra=density.nuisance[: extra.shape[1]],
+        )
+
+    def _with_creep(self, creep: float) -> Array:
+        """Columns of the density with creep, shape (n, m)."""
+        plain, change = np.hsplit(self.columns, 2)
+        return plain + creep * change
+
+    def active_columns(self, solution: _Solution) -> Array:
+        """Columns of the density that is not zero, with the creep of a solution."""
+        return self._with_creep(solution.creep)[:, solution.weights > 0.0]
+
+    def tangents(self, solution: _Solution) -> Array:
+        """Changes of the model about a solution: its density, and a lag for every decade."""
+        data = self.records.data
+        output = [(c @ solution.weights)[:, None] for c in self.quasi_static]
+        shortest = math.log10(10.0 * min(s.dt for s in data.sections))
+        lags = []
+        for decade in range(
+            math.ceil(shortest), math.floor(math.log10(data.chain.creep_longest)) + 1
+        ):
+            lag = CreepSpectrum(times=(10.0**decade,), weights=(1.0,))
+            chain = replace(data.chain, spectrum=lag, creep_per_decade=lag.rate_per_decade)
+            lags.append(np.concatenate(behind_chain(output, replace(data, chain=chain))))
+        return np.column_stack((self.active_columns(solution), *lags))
 
     def standard_error(self, solution: _Solution, column: Array, others: Array) -> float:
         """Return the standard error of the coefficient of a column, with others fitted along."""
-        model = self.active_columns(solution)
-        nuisance = self.records.nuisance
-        basis = orthonormal(
-            np.column_stack((model, self.creep @ solution.weights, nuisance, others))
-        )
+        model, nuisance = self.active_columns(solution), self.records.nuisance
+        change = np.hsplit(self.columns, 2)[1]
+        basis = orthonormal(np.column_stack((model, change @ solution.weights, nuisance, others)))
         remainder = column - basis @ (basis.T @ column)
         inflation = _variance_inflation(solution.residual, max(self.records.cycle_rows))
         square = _mean_square(solution) * inflation
         return float(np.sqrt(square / max(float(remainder @ remainder), 1e-300)))
 
 
-def _coarse_model(records: _StackedRecords, data: FitData) -> _CoarseModel:
-    """Return the coarse model of records, with logarithmic creep."""
-    chain = replace(data.chain, creep_per_decade=0.0, spectrum=None)
-    sections, rows = records.sections, records.rows
-    short = replace(data, sections=sections, chain=chain, rows=rows, use=(), memo={})
-    method = PreisachFit(*_THRESHOLDS.dictionary)
-    columns = tuple(
-        np.asfortranarray(np.concatenate(list(method.columns(s, short)), axis=1)) for s in sections
-    )
-    moving = np.any([np.ptp(c, axis=0) > 0.0 for c in columns], axis=0)
-    plain = [filtered(c, s, r, chain) for c, s, r in zip(columns, sections, rows, strict=True)]
-    none = np.zeros(0)
-    return _CoarseModel(
-        records=records,
-        chain=chain,
-        quasi_static=columns,
-        plain=np.concatenate(plain),
-        creep=none,
-        columns=none,
-        gram=none,
-        right=none,
-        penalty=method.smoothing(short, moving) * short.input_scale**2,
-        first_creep=data.chain.creep_per_decade,
-    ).with_creep(sections, None)
-
-
-def _unit_creep(
-    columns: Sequence[Array],
-    sections: Sequence[RecordSection],
-    rows: Sequence[Rows],
-    chain: ChainValues,
-    spectrum: CreepSpectrum | None,
-) -> Array:
-    """Columns behind the chain with a unit of creep, at the rows of all records."""
-    unit = replace(chain, creep_per_decade=1.0, spectrum=spectrum)
-    parts = zip(columns, sections, rows, strict=True)
-    return np.concatenate([filtered(c, s, r, unit) for c, s, r in parts])
-
-
 def _with_other_creep(model: _CoarseModel, chain: ChainValues) -> Iterator[_CoarseModel]:
     """Yield the model for other starts of creep, and with the spectrum where that is usual."""
-    sections = model.records.sections
+    sections = model.records.data.sections
     longest = max(s.u.size * s.dt for s in sections)
     starts: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
     for start in starts:
@@ -429,7 +398,8 @@ def _removed_squares(records: _StackedRecords, residual: Array, basis: Array) ->
         part = np.where(separable, product**2 / np.where(separable, square, 1.0), 0.0)
         cycle = records.cycle_rows[k]
         part[:cycle] = part[max(b - a - cycle, 0) :] = 0.0
-        part[_near_steps(records.sections[k].u[records.rows[k].at], max(8, cycle // 10))] = 0.0
+        u = records.data.sections[k].u[records.data.rows[k].at]
+        part[_near_steps(u, max(8, cycle // 10))] = 0.0
         removed[a:b] = part
     return removed
 
@@ -510,8 +480,8 @@ def _drift_faults(
     count = len(data.sections)
     for k, section in enumerate(data.sections):
         # the trend is over the rows, the drift over the record
-        r = model.records.rows[k].at
-        longer = model.records.sections[k].u.size / float(r[-1] - r[0])
+        r = model.records.data.rows[k].at
+        longer = model.records.data.sections[k].u.size / float(r[-1] - r[0])
         others = np.delete(trends, k, axis=1)
         size = longer * data.sign * float(best.extra[k])
         error = longer * model.standard_error(best, trends[:, k], others)

@@ -22,7 +22,11 @@ from flexstage.hysteresis.identification.fit_rows import (
     filtered_samples,
     rows_of,
 )
-from flexstage.hysteresis.identification.measurement import IdentificationData
+from flexstage.hysteresis.identification.measurement import (
+    IdentificationData,
+    with_history,
+    without_history,
+)
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     behind_chain,
@@ -81,6 +85,7 @@ class ChainResidual:
         self._data = short_data(data, ChainValues(), _SAMPLES, train)
         sections = self._data.sections
         columns, moving, self._penalty = dictionary(self._data)
+        self._moving = moving
         self._quasi = [np.asfortranarray(c) for c in columns]
         # every other threshold: the change shows the effect of the grid of thresholds
         coarse = np.arange(moving.size).reshape(_DICTIONARY)[::2].ravel()
@@ -113,17 +118,34 @@ class ChainResidual:
         self._both, self._products = {}, {}
 
     def set_starts(self, starts: Sequence[Start]) -> None:
-        """Set the motion of the drive before each record."""
+        """Set the motion of the drive before each record, for its creep."""
+        for i, (start, section) in enumerate(zip(starts, self._data.sections, strict=True)):
+            if start != section.start:
+                self._replace_section(i, replace(section, start=start))
+
+    def set_memory(self, i: int, memory: str) -> None:
+        """Set the motion before a record that set the memory of its hysteresis."""
+        before = self._data.sections[i]
+        if memory != before.memory:
+            section = with_history(replace(without_history(before), memory=memory))
+            rows, shift = list(self._data.rows), section.history - before.history
+            rows[i] = replace(rows[i], at=rows[i].at + shift)
+            self._data = replace(self._data, rows=tuple(rows))
+            alone = replace(self._data, sections=(section,))
+            every = PreisachFit(*_DICTIONARY).columns(section, alone)
+            columns = np.concatenate(list(every), axis=1)[:, self._moving]
+            self._columns[i] = self._quasi[i] = np.asfortranarray(columns)
+            if self._known_modes is not None:
+                self._columns[i] = _behind_modes(self._quasi[i], section, self._known_modes)
+            self._replace_section(i, section)
+
+    def _replace_section(self, i: int, section: RecordSection) -> None:
         sections = list(self._data.sections)
-        for i, start in enumerate(starts):
-            if start != sections[i].start:
-                sections[i] = replace(sections[i], start=start)
-                self._creep[i] = self._creep_response(i, sections[i])
-                self._both.pop(i, None)
-                self._products = {
-                    at: equations for at, equations in self._products.items() if at[0] != i
-                }
+        sections[i] = section
         self._data = replace(self._data, sections=tuple(sections))
+        self._creep[i] = self._creep_response(i, section)
+        self._both.pop(i, None)
+        self._products = {at: n for at, n in self._products.items() if at[0] != i}
 
     def rms(self, chain: ChainValues) -> float:
         """Return the rms residual of a chain with the best density, over the stroke."""

@@ -11,18 +11,21 @@ from scipy.optimize import minimize, minimize_scalar
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import Start
 from flexstage.hysteresis.identification.chain_residual import ChainResidual
-from flexstage.hysteresis.identification.cycles import RecordSection
+from flexstage.hysteresis.identification.cycles import RecordSection, memories
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.jump_response import jump_response
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
+    with_history,
     without_history,
 )
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
-#: A drive is assumed to have rested before a record unless another start reduces the residual by
-#: this factor.
+#: The usual motion before a record is assumed unless another reduces the residual by this factor.
 _BETTER = 0.99
+
+#: Motion of a drive before a record, for its creep: rest, none since the low end, long motion.
+_STARTS: tuple[Start, ...] = ("rested", 0.0, math.inf)
 
 #: Largest delay, as a share of the shortest cycle.
 _LONGEST_DELAY = 0.08
@@ -147,6 +150,51 @@ def find_chain(
         if estimate.values.resonance_hz == start.resonance_hz:
             estimate = _with_delay(search, at, jumps.delay_error, data)
     return replace(estimate, notes=(*notes, *estimate.notes))
+
+
+def find_memories(
+    data: IdentificationData, estimate: ChainEstimate, *, train: tuple[int, int] | None = None
+) -> IdentificationData:
+    """Return the records with the motion before them that set the memory of the hysteresis.
+
+    It matters until both ends of the range were reached. If samples before that are counted, all
+    samples of the record are compared with each memory, with the best start of creep. Creep is the
+    usual one unless it is known: a free one would replace the memory.
+
+    Validity: motion that ended with a loop inside the range leaves a memory that is none of these;
+    a single record of one closed loop fits almost any memory.
+    """
+    late = [i for i, s in enumerate(data.sections) if s.both_ends > s.warm_up]
+    chain = estimate.values
+    if estimate.searched:
+        chain = replace(chain, creep_per_decade=_USUAL_CREEP)
+    sections = [
+        replace(s, warm_up=s.history) if i in late else s for i, s in enumerate(data.sections)
+    ]
+    search = ChainResidual(replace(data, sections=tuple(sections)), train)
+    if chain.resonance_hz > 0.0:
+        search.fix_modes(chain)
+    best, start, least = {}, _STARTS[0], math.inf
+    names = tuple(memories((0.0, 1.0), 0.0))
+    # first the same memory of all records, then another one of each
+    for memory in names:
+        for i in late:
+            search.set_memory(i, memory)
+        for trial in _STARTS:
+            search.set_starts((trial,) * len(sections))
+            if (rms := search.rms(chain)) < _BETTER * least:
+                best, start, least = dict.fromkeys(late, memory), trial, rms
+    search.set_starts((start,) * len(sections))
+    for i in late if len(late) > 1 else ():
+        for memory in names:
+            for k in late:
+                search.set_memory(k, memory if k == i else best[k])
+            if (rms := search.rms(chain)) < _BETTER * least:
+                best, least = {**best, i: memory}, rms
+    for i, memory in best.items():
+        bare = without_history(data.sections[i])
+        sections[i] = with_history(replace(bare, memory=memory))
+    return replace(data, sections=tuple(sections))
 
 
 def find_starts(

@@ -55,6 +55,10 @@ class _Thresholds:
 
 
 _THRESHOLDS = _Thresholds()
+#: Turning points of decreasing loops: as many as the plays of a fine model.
+_LOOPS = 40
+#: Motion before a record, unless the record shows another one.
+USUAL_MEMORY = "cycles over the full range that ended at its low end"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,10 +118,10 @@ class RecordSection:
     """First sample of the record in use, after an initial dwell."""
     begin: float = 0.0
     """Its time in the record [s]."""
+    memory: str = USUAL_MEMORY
+    """Motion before the record that set the memory of the hysteresis, one of `memories`."""
     history: int = 0
-    """Number of first samples that represent motion before the record, and were not measured:
-    both ends of the range, after which the memory is that of cycles over all of it.
-    """
+    """Number of first samples that represent that motion, and were not measured."""
     start: Start = "rested"
     """Motion of the drive before the record, for its creep."""
     measured: NDArray[np.bool_] | None = None
@@ -126,6 +130,34 @@ class RecordSection:
     """
     straight: NDArray[np.bool_] | None = None
     """True for means that represent their samples, shape (n,); all if None."""
+
+    @property
+    def both_ends(self) -> int:
+        """Sample at which the input has reached both ends of its range: no memory is left then."""
+        return self.history + _both_ends(self.u[self.history :], self.cycles)
+
+
+def memories(ends: tuple[float, float], first: float) -> dict[str, Array]:
+    """Return inputs before a record that set the memory of a hysteresis, by their description.
+
+    `ends` is the range of the input, and `first` the first command of the record. A wider range is
+    one from zero, or of three times the size where the drive is used on both sides of zero. After
+    loops of decreasing size all plays have the same output, as after depolarisation, at zero.
+    """
+    low, high = ends
+    size = high - low
+    bottom = min(low, 0.0) if low > -_THRESHOLDS.end * size else low - size
+    top = max(high, 0.0) if high < _THRESHOLDS.end * size else high + size
+    loops = size * np.linspace(1.0, 0.0, _LOOPS) * (-1.0) ** np.arange(_LOOPS)
+    return {
+        USUAL_MEMORY: np.array([high, low]),
+        "cycles over the full range that ended at its high end": np.array([low, high]),
+        "none since depolarisation at zero input": np.zeros(1),
+        "cycles over a wider range that ended at its low end": np.array([top, bottom]),
+        "cycles over a wider range that ended at its high end": np.array([bottom, top]),
+        "decreasing cycles about the first command": first + loops,
+        "decreasing cycles about the middle of the range": 0.5 * (low + high) + loops,
+    }
 
 
 def _differ(first: float, second: float) -> bool:
@@ -326,25 +358,20 @@ def warm_up(u: Array, moves: Cycles) -> int:
     return min(both, longest) if both <= longest else min(int(moves.bounds[0]), longest)
 
 
-def unknown_history_warning(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
-    """Return the warning that counted samples may depend on motion before the record.
+def unknown_history_warning(sections: Sequence[RecordSection]) -> str:
+    """Return the warning that counted samples depend on motion before the record.
 
-    `parts` are, for each record, the input, its cycles, the step [s], the first counted sample, and
-    the time of the first sample in the record [s]. Empty if both ends of the range were reached
-    before that in all records.
+    Empty if both ends of the range were reached before these in all records.
     """
-    ends, counts = [], []
-    for u, moves, dt, counted, begin in parts:
-        both = _both_ends(u, moves)
-        if both > counted:
-            ends.append(f"{begin + both * dt:.3g}")
-            counts.append(f"{begin + counted * dt:.3g}")
-    if not ends:
+    late = [s for s in sections if s.both_ends > s.warm_up]
+    if not late:
         return ""
+    times = [[s.begin + (at - s.history) * s.dt for at in (s.both_ends, s.warm_up)] for s in late]
+    ends, counts = (" and ".join(f"{t:.3g}" for t in each) for each in zip(*times, strict=True))
     return (
-        f"the input reaches both ends of its range only at {' and '.join(ends)} s, but errors are "
-        f"counted from {' and '.join(counts)} s on: until then readings depend on earlier motion, "
-        "which is assumed to be a cycle over the full range"
+        f"the input reaches both ends of its range only at {ends} s, but errors are counted from "
+        f"{counts} s on: until then readings depend on earlier motion; assumed: "
+        f"{' and '.join(dict.fromkeys(s.memory for s in late))}"
     )
 
 

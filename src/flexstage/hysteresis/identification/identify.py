@@ -15,7 +15,12 @@ from flexstage.files.request import request_of
 from flexstage.hysteresis.chain.creep import Start
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.identification.chain_residual import with_spectrum
-from flexstage.hysteresis.identification.chain_search import ChainEstimate, find_chain, find_starts
+from flexstage.hysteresis.identification.chain_search import (
+    ChainEstimate,
+    find_chain,
+    find_memories,
+    find_starts,
+)
 from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
@@ -123,18 +128,16 @@ def identify(
     train = train_range(request.train, sources)
     data = measurement(sources, input_column, output_column, drift=request.drift)
     progress.update("linear chain", 0.0)
-    fitted_rows = _data(data, ChainValues(), train)  # refuses a range with too few samples
+    _data(data, ChainValues(), train)  # refuses a range with too few samples
     data, estimate = _chain_and_start(data, chain, train, resonance)
     if chain is None:
         estimate = replace(estimate, values=with_spectrum(data, estimate.values, train=train))
+    short = data
     if train is None:  # which counts samples of the records
         # fits to all samples of long records would take minutes, for the same result
         share = max(1, _MOST_SAMPLES // len(data.sections))
         short = replace(data, sections=tuple(averaged(s, share) for s in data.sections))
-        fitted_rows = _data(short, estimate.values, None)
-    fitted_rows = (
-        fit_data(data, estimate.values, fitted_rows.rows, fitted_rows.use) if train else fitted_rows
-    )
+    fitted_rows = _data(short, estimate.values, train)
     still = train is not None and stands_still(fitted_rows)
     model_fits: dict[str, FittedModel] = {}
     failed: list[Candidate] = []
@@ -167,8 +170,11 @@ def _chain_and_start(
     train: tuple[int, int] | None,
     resonance: tuple[float, float] | None,
 ) -> tuple[IdentificationData, ChainEstimate]:
-    """Find the chain and the start of each record, by their common residual."""
+    """Find the chain, and memory and start of each record, by their common residual."""
     estimate = find_chain(data, chain, train=train, resonance=resonance)
+    if any(s.both_ends > s.warm_up for s in data.sections):
+        data = find_memories(data, estimate, train=train)
+        estimate = find_chain(data, chain, train=train, resonance=resonance)
     starts, width = find_starts(data, estimate, train=train)
     if all(start == s.start for start, s in zip(starts, data.sections, strict=True)):
         return data, _wider(estimate, width)

@@ -13,7 +13,7 @@ from flexstage.hysteresis.identification.cycles import (
     cycles,
     first_moving,
     held_samples,
-    unknown_history_warning,
+    memories,
     warm_up,
 )
 from flexstage.hysteresis.identification.faults import (
@@ -264,9 +264,9 @@ def _section(u: Array, y: Array, dt: float, source: str) -> RecordSection:
 
 
 def with_history(section: RecordSection) -> RecordSection:
-    """Return a section that begins with both ends of its range, which set the memory."""
+    """Return a section that begins with the motion that set its memory."""
     moves = section.cycles
-    before = np.array([moves.range[1], moves.range[0]])
+    before = memories(moves.range, section.u[0])[section.memory]
     n = before.size
     straight, known = section.straight, section.measured
     return replace(
@@ -347,10 +347,6 @@ def _warnings(m: IdentificationData) -> tuple[str, ...]:
     dwells = [readable("s", s.begin, digits=3) for s in m.sections if s.first > 0]
     if dwells:
         warnings.append(f"initial dwell of {' and '.join(dict.fromkeys(dwells))} ignored")
-    measured = map(without_history, m.sections)
-    early = unknown_history_warning([(s.u, s.cycles, s.dt, s.warm_up, s.begin) for s in measured])
-    if early:
-        warnings.append(early)
     if max(_levels(s.u) for s in m.sections) < 10:
         warnings.append(
             "the input jumps between few levels: behaviour between them is not identified; drive "

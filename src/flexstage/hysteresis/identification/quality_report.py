@@ -7,6 +7,7 @@ import numpy as np
 
 from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
 from flexstage.hysteresis.identification.chain_search import ChainEstimate
+from flexstage.hysteresis.identification.cycles import unknown_history_warning
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.model_choice import FittedModel
@@ -110,6 +111,7 @@ def fit_warnings(
     return (
         *_undetermined_chain(data, chain),
         *data.warnings,
+        *filter(None, (unknown_history_warning(data.sections),)),
         *(_no_motion(data) if held_out else ()),
         *_earlier_motion(settling, error_percent, data),
         *chain.notes,
