@@ -75,10 +75,8 @@ def _percents(candidate: Candidate) -> tuple[str, str, str]:
     c = candidate
     if c.rms_percent is None:
         return "failed", "", ""
-    if c.failed:
-        return f"{c.rms_percent:.3f}", "diverges", ""
     heldout = [
-        "" if value is None else f"{value:.3f}"
+        "" if value is None else f"{value:.3f}" if value < 100.0 else "diverges"
         for value in (c.heldout_rms_percent, c.heldout_free_rms_percent)
     ]
     return f"{c.rms_percent:.3f}", heldout[0], heldout[1]

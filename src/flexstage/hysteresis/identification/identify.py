@@ -34,7 +34,6 @@ from flexstage.hysteresis.identification.model_choice import (
     choose,
     failed_candidate,
     fit_model,
-    invertibility_warning,
     prediction_errors,
 )
 from flexstage.hysteresis.identification.model_fit import (
@@ -155,7 +154,6 @@ def identify(
         request=request,
         records=tuple(record.source for record in sources),
         notes=tuple(sorted({note for record in sources for note in record.notes})),
-        warnings=(*result.warnings, *invertibility_warning(model_fits, candidates)),
         settings={**result.settings, "fitted": _fitted(sources, data, train)},
     )
     return result if request.temperature is None else _at(result, request.temperature)

@@ -1,6 +1,6 @@
 """Selection of one of the fitted models."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ _NEGLIGIBLE = 1e-5
 #: A model with a held-out error above this has no predictive value [% of the stroke].
 _NO_PREDICTION = 100.0
 _DIVERGES = "it diverges: its held-out error exceeds the stroke"
+_NO_INVERSE = "it has no inverse: if none is needed, select it alone by --model"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,27 +59,6 @@ class FittedModel:
     """Its residuals at all rows."""
     folds: Folds | None
     """Cross-validation errors; None without cross-validation."""
-
-
-def invertibility_warning(
-    models: Mapping[str, FittedModel], candidates: Sequence[Candidate]
-) -> tuple[str, ...]:
-    """Name the models that predict better than the selected one, but have no inverse."""
-    score = {c.kind: c.heldout_rms_percent for c in candidates}
-    selected = score[candidates[0].kind]
-    if selected is None or not _invertible(models[candidates[0].kind]):
-        return ()
-    better = [
-        kind
-        for kind, error in score.items()
-        if error is not None and error < selected / _SAME and not _invertible(models[kind])
-    ]
-    if not better:
-        return ()
-    return (
-        f"{', '.join(better)} would predict better, but cannot be inverted: if the model need not "
-        "compute commands, select one by --model",
-    )
 
 
 def failed_candidate(method: ModelFit, reason: str) -> Candidate:
@@ -186,7 +166,7 @@ def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple
             rms_percent=rows[n].rms,
             heldout_rms_percent=rows[n].heldout,
             heldout_free_rms_percent=rows[n].heldout_free,
-            failed=_DIVERGES if score[n] > _NO_PREDICTION else "",
+            failed=_DIVERGES if score[n] > _NO_PREDICTION else ("" if n in usable else _NO_INVERSE),
         )
         for n in order
     )

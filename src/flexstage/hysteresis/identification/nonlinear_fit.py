@@ -406,12 +406,9 @@ def _step(
     data: FitData,
 ) -> Array:
     """Return the parameters that the damped, linearised problem with bounds gives."""
-    free = np.isinf(low)
-    # z = (p - low) / scale for bounded parameters; free ones are counted from their present value
-    base = np.where(free, p, low)
-    z0 = (p - base) / scale
+    free, at = np.isinf(low), p / scale
     target = [
-        s.y[r.at] - c[:, 0] + j @ z0
+        s.y[r.at] - c[:, 0] + j @ at
         for s, r, c, j in zip(data.sections, data.rows, behind, J, strict=True)
     ]
     normal = equations(J, data.with_output(target))
@@ -419,13 +416,10 @@ def _step(
     gram = normal.gram.copy()
     gram[np.arange(p.size), np.arange(p.size)] += weight
     right = normal.right.copy()
-    right[: p.size] += weight * z0
-    if penalty is not None:
-        smoothing = penalty * normal.count * data.stroke**2
-        gram[: p.size, : p.size] += smoothing
-        right[: p.size] -= smoothing @ (base / scale)
-    solution: Solution = solve(replace(normal, gram=gram, right=right), free=free)
-    return base + scale * solution.coefficients
+    right[: p.size] += weight * at
+    smoothing = None if penalty is None else penalty * normal.count * data.stroke**2
+    damped, least = replace(normal, gram=gram, right=right), np.where(free, 0.0, low / scale)
+    return scale * solve(damped, free=free, smoothing=smoothing, least=least).coefficients
 
 
 def roughness(*groups: int) -> Array:
