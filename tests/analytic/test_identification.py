@@ -20,6 +20,7 @@ from flexstage.hysteresis import (
     PrandtlIshlinskii,
     Preisach,
     model_text,
+    predict,
     read_model_text,
 )
 from flexstage.hysteresis.chain.creep import LogCreep
@@ -45,9 +46,11 @@ from flexstage.hysteresis.identification.model_fit import (
 from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, SearchedFit
 from flexstage.hysteresis.identification.projection import normal_equations, solve
 from flexstage.hysteresis.identification.residuals import Folds, Residuals, estimates, residuals
+from flexstage.hysteresis.inversion import compensate
 from flexstage.hysteresis.models import registry
 from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
+from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
 
@@ -498,7 +501,7 @@ def choice_of(without_inverse=(), **parts):
         rms = float(np.sqrt(squares.mean()))
         folds = Folds(rms=rms, free_rms=rms, largest=0.0, band=0.0, mean_square=squares)
         nothing = (np.zeros(data.rows[0].at.size),)
-        left = Residuals(of_fit=nothing, of_prediction=nothing, nuisance=(), offset=0.0)
+        left = Residuals(of_fit=nothing, of_prediction=nothing, baseline=nothing, offset=0.0)
         model = FALLING if name in without_inverse else DAHL
         tried[method.kind] = FittedModel(
             method=method, fit=FitResult(model=model), residuals=left, folds=folds
@@ -527,6 +530,61 @@ def test_the_choice_between_errors_of_parts():
     assert "no inverse" in choice_of(("dahl",), preisach=best, dahl=best)[1][1].failed
     # where all is rounding, the simplest
     assert chosen_of(preisach=(1e-12,) * 5, dahl=(3e-10,) * 5) == "dahl"
+
+
+# ----------------------------------------------------------------- a zero of its own in each record
+
+
+def creeping(rate_hz, zero, drift=0.0, size=1200, dt=0.004):
+    """A record of a stack with creep, whose sensor has a zero of its own."""
+    u = drive(size, rate_hz, dt)
+    free = virtual_stack((0.0, 112.0), 38e-6, 0.12).simulate(u).values
+    y = LogCreep(rate_per_decade=0.015).simulate(free, dt).values
+    y = y + zero + np.linspace(0.0, drift, size)
+    noise = np.random.default_rng(round(7 * rate_hz)).normal(0.0, 1e-8, size)
+    return record(u, y + noise, dt)
+
+
+def test_records_with_a_zero_of_their_own():
+    rates, zeros = (0.7, 3.0, 7.0), (0.0, 5e-6, -8e-6)
+
+    def found(zero, zeros, drift=0.0):
+        given = [
+            creeping(f, z, drift * (-1.0) ** k)
+            for k, (f, z) in enumerate(zip(rates, zeros, strict=True))
+        ]
+        chain = ChainValues(creep_per_decade=0.015)
+        return identify(given, "u", "y", model="preisach", zero=zero, chain=chain)
+
+    def named(found):
+        return [w for w in found.warnings if "--zero each" in w]
+
+    clean = found("one", (0.0, 0.0, 0.0))
+    assert named(clean) == []
+    blind = found("one", zeros)
+    (sentence,) = named(blind)
+    assert "differ by 13" in sentence
+    assert not blind.quality.fits
+    each = found("each", zeros)
+    for found_each in (each, found("drift", zeros, 1.5e-6)):
+        assert found_each.quality.fits
+        assert named(found_each) == []
+        assert found_each.heldout_rms_percent < 1.3 * (clean.heldout_rms_percent or 0.0)
+        assert np.isinf(found_each.offset.standard_error)
+        assert found_each.chain_rows()["offset"]["standard_error"] is None
+        low, high = found_each.model.validity.output_range
+        assert high - low == pytest.approx(clean.stroke, rel=0.02)
+    file = read_model_text(model_text(ModelFile(model=each.model)))
+    assert file.model.zero == "each"
+    other = predict(file.model, creeping(1.5, 21e-6), "u", "y")
+    assert other.as_predicted_rms_percent < 2.0 * (clean.heldout_rms_percent or 0.0)
+    # a reference has no zero either
+    wanted = Channel(name="wanted", values=5e-6 + 2e-5 * drive(size=600) / 112.0, unit="m")
+    reference = Record(channels=(wanted,), time=0.004 * np.arange(600))
+    with pytest.raises(ModelError, match=r"an absolute reference has no meaning.*by --relative"):
+        compensate(file, reference, "wanted", CompensateRequest())
+    command = compensate(file, reference, "wanted", CompensateRequest(relative=True)).feedforward
+    assert command.rms_error < 1e-4 * np.ptp(wanted.values)
 
 
 # ----------------------------------------------------------------------------------- optimisation

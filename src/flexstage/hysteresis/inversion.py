@@ -16,8 +16,8 @@ from flexstage.hysteresis.chain.element import positive_step
 from flexstage.hysteresis.drive_model import (
     DriveModel,
     in_unit_of_model,
-    lowest_reading,
     range_warnings,
+    requested_readings,
 )
 from flexstage.hysteresis.limited_inverse import (
     HIGHEST,
@@ -445,8 +445,7 @@ def compensate(
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"
     )
-    if request.relative:
-        values = values + lowest_reading(drive)
+    values = requested_readings(drive, values, relative=request.relative)
     command = command_of_request(drive, values, 1.0 / reference.sample_rate_hz, request)
     notes = (*file.notes, *filter(None, [converted]), *command.notes, *reference.notes)
     return CompensationCommand(request=request, file=file, feedforward=command, notes=notes)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from flexstage.base.errors import ModelError, RecordError
 from flexstage.files.plain import picked
@@ -69,7 +70,9 @@ class Prediction:
     measured: Array
     """Measured output, shape (n,)."""
     predicted: Array
-    """Predicted output, shape (n,)."""
+    """Predicted output, shape (n,). If each record has its zero, the constant, or the drift, is
+    fitted to the samples that are counted.
+    """
     warm_up: int
     """Number of first samples that depend on motion before the record; they are not counted."""
     starts: tuple[Start, ...]
@@ -246,6 +249,10 @@ def predict(
     starts, predicted = _possible_starts(model, u, y, dt, warm_up_samples, start)
     if not np.isfinite(y[begin:]).any():
         begin = 0  # a table has no measured samples before its branches
+    if model.zero != "one":
+        at = begin + np.flatnonzero(np.isfinite(y[begin:]))
+        level = Polynomial.fit(at, (y - predicted)[at], int(model.zero == "drift"))
+        predicted = predicted + level(np.arange(y.size))
     stroke = float(np.nanmax(y[begin:]) - np.nanmin(y[begin:]))
     if stroke == 0.0:
         raise RecordError(
@@ -318,7 +325,9 @@ def _possible_starts(
     simulations: list[tuple[Start, Array]] = [(s, model.simulate(u, dt, start=s)) for s in starts]
     if before.stop == 0:
         return starts, simulations[0][1]
-    errors = [float(np.nanmedian(np.abs(y - m[1])[before])) for m in simulations]
+    differences = [(y - readings)[before] for _, readings in simulations]
+    free = model.zero != "one"
+    errors = [float(np.nanmedian(np.abs(d - free * np.nanmedian(d)))) for d in differences]
     best = int(np.argmin(errors))
     others = tuple(
         i for i in range(len(errors)) if i != best and errors[i] <= _EQUAL * errors[best]

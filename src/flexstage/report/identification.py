@@ -49,8 +49,8 @@ def prediction_in_words(prediction: Prediction, model: DriveModel) -> list[str]:
     stroke = readable(model.output_unit or "output", prediction.stroke, digits=4)
     lines = [
         f"{Path(prediction.source).name or 'record'}: stroke {stroke}; mean error "
-        f"{prediction.constant_percent:+.2f} % of it; the first {prediction.warm_up} of "
-        f"{prediction.time.size} samples are not counted"
+        f"{prediction.constant_percent:+.2f} % of it{_zero_in_words(model)}; the first "
+        f"{prediction.warm_up} of {prediction.time.size} samples are not counted"
     ]
     if model.creep is not None:
         lines.append(f"assumed history: the drive {start_in_words(*prediction.starts)}")
@@ -98,9 +98,9 @@ def identification_in_words(result: Identification) -> list[str]:
         error = result.heldout_standard_error
         standard_error = "" if error is None else f" +- {error:.3f} (standard error)"
         lines.append(
-            f"held out, as predicted: {result.heldout_rms_percent:.3f}{standard_error} % of the "
-            f"stroke rms; 95 % within {result.heldout_band_percent:.2f}, largest "
-            f"{result.heldout_max_percent:.2f}"
+            f"held out, as predicted{_zero_in_words(m)}: {result.heldout_rms_percent:.3f}"
+            f"{standard_error} % of the stroke rms; 95 % within {result.heldout_band_percent:.2f}, "
+            f"largest {result.heldout_max_percent:.2f}"
         )
     else:
         lines.append(f"largest error {result.max_percent:.2f} % of the stroke")
@@ -111,6 +111,12 @@ def identification_in_words(result: Identification) -> list[str]:
             f"changes readings by up to {factor * result.settling:.2g} {unit}"
         )
     return lines
+
+
+def _zero_in_words(model: DriveModel) -> str:
+    """Return what was fitted to each record, after a comma; empty for one zero of all."""
+    fitted = {"one": "", "each": "constant", "drift": "constant and drift"}[model.zero]
+    return fitted and f", with the {fitted} of its record"
 
 
 def quality_in_words(result: Identification) -> str:
@@ -146,7 +152,8 @@ def _rows(result: Identification) -> list[tuple[str, str, str, str]]:
     """Return name, value, standard error and unit of the parameters, in readable units."""
     m = result.model
     output_unit, factor = readable_unit(result.stroke, m.output_unit)
-    unknown = {e.name for e in result.chain if math.isinf(e.standard_error)}
+    chain = (*result.chain, result.offset)
+    unknown = {e.name for e in chain if math.isinf(e.standard_error)}
     rows = []
     for name, row in result.parameter_rows().items():
         value, error = row["value"], row["standard_error"]

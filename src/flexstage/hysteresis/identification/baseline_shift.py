@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum, Start
+from flexstage.hysteresis.identification.chain_residual import dictionary
 from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.fit_rows import (
@@ -20,7 +22,6 @@ from flexstage.hysteresis.identification.fit_rows import (
 )
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.projection import Normal, orthonormal, solve
-from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.quantities.units import readable, readable_unit
 
 
@@ -38,8 +39,6 @@ class _Thresholds:
     """Rows of these that the coarse model is fitted to: bounds the time of the search."""
     fewest_rows: int = 50
     """A record of fewer rows is not searched: an identification needs 50 samples as well."""
-    dictionary: tuple[int, int] = (8, 8)
-    """Plays and intervals of the coarse Preisach model, as in the search for the chain."""
     jumps: int = 3
     """Largest number of jumps in all records."""
     share: float = 0.15
@@ -104,7 +103,7 @@ def baseline_shifts(data: FitData) -> list[RecordFault]:
         for row, size in zip(rows, best.extra, strict=True)
     ]
     # a jump causes a trend, and is corrected first
-    if not faults and not data.drift:
+    if not faults and data.zero != "drift":
         faults = _drift_faults(data, models, _mean_square(best))
     return sorted(faults, key=lambda f: (f.record, f.at))
 
@@ -142,25 +141,17 @@ class _StackedRecords:
     def nuisance(self) -> Array:
         """Nuisance columns of each record, zero in the others, shape (n, k)."""
         pairs = zip(self.sections, self.rows, strict=True)
-        return self._block_diagonal([s.nuisance[r.at] for s, r in pairs])
+        return block_diag(*(s.nuisance[r.at] for s, r in pairs))
 
     @property
     def trends(self) -> Array:
         """Rise by 1 over each record, about zero, and zero in the others, shape (n, records)."""
-        return self._block_diagonal([_trend(r)[:, None] for r in self.rows])
+        return block_diag(*(_trend(r)[:, None] for r in self.rows))
 
     @property
     def cycle_rows(self) -> tuple[int, ...]:
         """Number of rows in a cycle of each record."""
         return tuple(_rows_in_cycle(s, r) for s, r in zip(self.sections, self.rows, strict=True))
-
-    def _block_diagonal(self, blocks: list[Array]) -> Array:
-        matrix = np.zeros((self.y.size, sum(b.shape[1] for b in blocks)))
-        first = 0
-        for block, a, b in zip(blocks, self.ends[:-1], self.ends[1:], strict=True):
-            matrix[a:b, first : first + block.shape[1]] = block
-            first += block.shape[1]
-        return matrix
 
     def steps(self, rows: Sequence[int]) -> Array:
         """Columns that rise by 1 at a row, to the end of its record, shape (n, rows)."""
@@ -320,11 +311,8 @@ def _coarse_model(records: _StackedRecords, data: FitData) -> _CoarseModel:
     chain = replace(data.chain, creep_per_decade=0.0, spectrum=None)
     sections, rows = records.sections, records.rows
     short = replace(data, sections=sections, chain=chain, rows=rows, use=(), memo={})
-    method = PreisachFit(*_THRESHOLDS.dictionary)
-    columns = tuple(
-        np.asfortranarray(np.concatenate(list(method.columns(s, short)), axis=1)) for s in sections
-    )
-    moving = np.any([np.ptp(c, axis=0) > 0.0 for c in columns], axis=0)
+    columns, _, penalty = dictionary(short)
+    columns = tuple(map(np.asfortranarray, columns))
     plain = [filtered(c, s, r, chain) for c, s, r in zip(columns, sections, rows, strict=True)]
     none = np.zeros(0)
     return _CoarseModel(
@@ -336,7 +324,7 @@ def _coarse_model(records: _StackedRecords, data: FitData) -> _CoarseModel:
         columns=none,
         gram=none,
         right=none,
-        penalty=method.smoothing(short, moving) * short.input_scale**2,
+        penalty=penalty * short.input_scale**2,
         first_creep=data.chain.creep_per_decade,
     ).with_creep(sections, None)
 
@@ -548,6 +536,6 @@ def _drift_fault(
         percent=percent,
         text=f"the output drifts by {size * per_second:.3g} {unit} "
         f"(standard error {error * per_second:.1g}), {percent:.2g} % of the stroke over "
-        "the record, and does not slow down as creep does: fit a linear drift with --drift, and "
-        "look for a source of heat",
+        "the record, and does not slow down as creep does: fit a linear drift with --zero "
+        "drift, and look for a source of heat",
     )

@@ -25,6 +25,7 @@ from flexstage.hysteresis.identification.faults import (
     record_faults,
     without_spikes,
 )
+from flexstage.hysteresis.requests import Zero
 from flexstage.quantities.units import readable
 from flexstage.records import Channel, Record
 from flexstage.records.quality import difference_noise
@@ -55,8 +56,8 @@ class IdentificationData:
     """Quantities that the records do not determine, and missing experiments."""
     findings: tuple[RecordFault, ...] = ()
     """Faults: removed spikes, clipping, butterfly loops."""
-    drift: bool = False
-    """True if the last nuisance column is a drift."""
+    zero: Zero = "one"
+    """Zero of the output; with a drift, the last nuisance column is its rise over the record."""
 
     __repr__ = short_repr
 
@@ -79,7 +80,7 @@ def measurement(
     input_column: str | int,
     output_column: str | int,
     *,
-    drift: bool = False,
+    zero: Zero = "one",
 ) -> IdentificationData:
     """Prepare records for identification, after checking that they are suitable.
 
@@ -91,8 +92,8 @@ def measurement(
         The column that drives.
     output_column : str or int
         The column that follows.
-    drift : bool
-        Fit a drift of constant speed to each record, with the model.
+    zero : {"one", "each", "drift"}
+        Zero of the output; a drift of constant speed is fitted to each record, with the model.
 
     Returns
     -------
@@ -132,7 +133,7 @@ def measurement(
     sections = tuple(
         _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source) for r, i, o in pairs
     )
-    if drift:
+    if zero == "drift":
         sections = tuple(_with_drift(s) for s in sections)
     _require_order(sections, pairs[0][1].name, pairs[0][2].name)
     stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
@@ -143,7 +144,7 @@ def measurement(
         output_unit=pairs[0][2].unit,
         stroke=stroke,
         warnings=(),
-        drift=drift,
+        zero=zero,
     )
     findings = [
         record_faults(k, without_history(s), spikes, sign, (data.input_unit, data.output_unit))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexstage.hysteresis.identification.model_fit import FitData, FitResult, ModelFit
+from flexstage.hysteresis.identification.model_fit import SAME, FitData, FitResult, ModelFit
 from flexstage.hysteresis.identification.residuals import (
     BAND,
     Folds,
@@ -17,9 +17,7 @@ from flexstage.hysteresis.identification.residuals import (
     root_mean_square,
 )
 
-#: A model with a residual more than this many times that of the best is worse than it; ...
-_SAME = 1.1
-#: ... models with residuals below this are equal [% of the stroke].
+#: Models with residuals below this are equal [% of the stroke].
 _NEGLIGIBLE = 1e-5
 #: A model with a held-out error above this has no predictive value [% of the stroke].
 _NO_PREDICTION = 100.0
@@ -154,7 +152,7 @@ def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple
     close = [
         n
         for n in usable
-        if score[n] <= _SAME * score[best] + _NEGLIGIBLE
+        if score[n] <= SAME * score[best] + _NEGLIGIBLE
         and score[n] ** 2 - score[best] ** 2 <= scatter[n] + _NEGLIGIBLE**2
     ]
     selected = min(close, key=lambda n: (models[n].method.size, score[n]))

@@ -1,7 +1,6 @@
 """Fits of models: data, results, and models linear in all of their parameters."""
 
 import functools
-import math
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -44,8 +43,8 @@ _COARSE_LOOSE = 10.0
 #: Smallest slope just after a turn, over the mean slope, which an inverse needs. Where the true
 #: slope is zero, it adds 3 to 5 % to the residual of simulated loops, and 0.05 up to 280 %.
 _FLATTEST = 0.01
-#: The addition to the error is reported above this factor.
-_PRICE = 1.1
+#: Errors within this factor are the same.
+SAME = 1.1
 #: A column behind the chain is constant if it changes by less than this, over the largest change.
 _ROUNDING = 1e-9
 
@@ -241,6 +240,19 @@ def residual(behind: list[Array], solution: Solution, data: FitData) -> Array:
     return np.concatenate(left)
 
 
+def fitted_levels(errors: Sequence[Array], data: FitData) -> list[Array]:
+    """Fit the nuisance columns of each section to errors at its rows.
+
+    To those in use, or to all if none is; returned at every sample of the section, shape (n,).
+    """
+    levels = []
+    for error, s, r, use in zip(errors, data.sections, data.rows, data.use, strict=True):
+        used = use if use.any() else np.ones_like(use)
+        columns = s.nuisance[r.at[used]]
+        levels.append(s.nuisance @ np.linalg.lstsq(columns, error[used], rcond=None)[0])
+    return levels
+
+
 def folds_of(
     data: FitData, count: int = _FOLDS, runs: int = _RUNS
 ) -> list[tuple[NDArray[np.bool_], ...]]:
@@ -342,18 +354,15 @@ class LinearFit(ModelFit):
     def _price(self, data: FitData) -> tuple[str, ...]:
         """Report the error that the floor adds, if that is much."""
         normal = equations(self.moving(data)[0], data, self.kind)
-        error, without = (
-            math.sqrt(max(residual_square(normal, self.solution(normal, data, floor=floor)), 0.0))
-            for floor in (True, False)
-        )
-        if error <= _PRICE * without:
-            return ()
-        percent = 100.0 / (data.stroke * math.sqrt(normal.count))
-        return (
+        solutions = [self.solution(normal, data, floor=floor) for floor in (True, False)]
+        squares = [max(residual_square(normal, solution), 0.0) for solution in solutions]
+        error, without = 100.0 * np.sqrt(np.array(squares) / normal.count) / data.stroke
+        note = (
             f"{self.kind}: for an inverse, its slope after a turn is at least "
-            f"{100 * _FLATTEST:g} % of the mean slope; its error on fitted samples is "
-            f"{percent * error:.2g} % of the stroke, and {percent * without:.2g} % without this",
+            f"{100 * _FLATTEST:g} % of the mean slope; its error on fitted samples is {error:.2g} "
+            f"% of the stroke, and {without:.2g} % without this"
         )
+        return (note,) if error > SAME * without else ()
 
     def moving(self, data: FitData) -> tuple[list[Array], NDArray[np.bool_]]:
         """Return the moving columns behind the chain, at the rows, and which columns move.

@@ -20,6 +20,7 @@ from flexstage.hysteresis.identification.model_fit import (
     behind_chain,
     coarse,
     equations,
+    fitted_levels,
     residual,
 )
 from flexstage.hysteresis.identification.projection import Normal, Solution, residual_square, solve
@@ -384,15 +385,9 @@ class RefinedFit(ModelFit):
 
 def _residual(behind: list[Array], data: FitData) -> Array:
     """Residual of the output over the stroke, with the best offset."""
-    residuals = []
-    for c, s, r, use in zip(behind, data.sections, data.rows, data.use, strict=True):
-        at = r.at[use]
-        error = s.y[at] - c[use, 0]
-        coefficients = (
-            np.linalg.lstsq(s.nuisance[at], error, rcond=None)[0] if at.size else np.zeros(0)
-        )
-        residuals.append(error - s.nuisance[at] @ coefficients if at.size else error)
-    return np.concatenate(residuals) / data.stroke
+    errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(behind, data.sections, data.rows, strict=True)]
+    parts = zip(errors, fitted_levels(errors, data), data.rows, data.use, strict=True)
+    return np.concatenate([(e - level[r.at])[u] for e, level, r, u in parts]) / data.stroke
 
 
 def _step(

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
-from flexstage.hysteresis.identification.chain_search import ChainEstimate
+from flexstage.hysteresis.identification.chain_search import COMMON_OFFSET, ChainEstimate
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.model_choice import FittedModel, PredictionErrors
 from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.residuals import root_mean_square
 from flexstage.quantities.units import readable
 
 #: Residual of a fitted model of a piezo drive: 0.1 to 2 % of the stroke, depending on the session.
@@ -107,6 +108,7 @@ def fit_warnings(
     """
     return (
         *_undetermined_chain(data, chain),
+        *_zero_of_each(best, data, settling),
         *data.warnings,
         *(_no_motion(data) if held_out else ()),
         *_earlier_motion(settling, errors, data),
@@ -129,6 +131,22 @@ def _undetermined_chain(m: IdentificationData, chain: ChainEstimate) -> tuple[st
         f"one rate only ({at}): lag, creep and hysteresis cannot be separated"
         f"{alone if names else ''}; record the same cycles at a second rate, ten times slower or "
         "faster",
+    )
+
+
+def _zero_of_each(best: FittedModel, data: FitData, settling: float) -> tuple[str, ...]:
+    """Warn of records whose constants differ by more than residual and earlier motion explain."""
+    left = best.residuals
+    pairs = zip(left.of_prediction, left.of_fit, strict=True)
+    apart = float(np.ptp([np.mean(predicted - fitted) for predicted, fitted in pairs]))
+    predicted = root_mean_square(np.concatenate(left.predicted_at(data.use)))
+    if apart <= settling or predicted <= COMMON_OFFSET * root_mean_square(left.at(data.use)):
+        return ()
+    return (
+        f"the constants of the records differ by {readable(data.output_unit, apart)} "
+        f"({100.0 * apart / data.stroke:.2g} % of the stroke), more than creep explains: if the "
+        "sensor has a zero of its own in each record (interferometer, encoder, AC coupling), give "
+        "--zero each; otherwise its zero has moved",
     )
 
 
@@ -178,8 +196,8 @@ def _unusual_creep(chain: ChainEstimate, data: FitData) -> tuple[str, ...]:
         return ()
     return (
         f"creep of {100.0 * creep:.2g} % per decade is more than that of piezo drives (1 to 3 %): "
-        "a drift of the output (compare with --drift), a shift of its baseline or a slow sensor "
-        "may be mistaken for creep",
+        "a drift of the output (compare with --zero drift), a shift of its baseline or a slow "
+        "sensor may be mistaken for creep",
     )
 
 

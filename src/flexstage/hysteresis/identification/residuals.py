@@ -1,10 +1,12 @@
 """Residuals of a model on a measurement, cross-validation, and errors of its parameters."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from flexstage.base.arrays import Array
@@ -13,6 +15,7 @@ from flexstage.hysteresis.identification.model_fit import (
     FitResult,
     ModelFit,
     behind_chain,
+    fitted_levels,
     folds_of,
 )
 from flexstage.hysteresis.model import HysteresisModel
@@ -35,9 +38,11 @@ class Residuals:
     of_fit: tuple[Array, ...]
     """Output less model and the nuisance columns of the section, shape (r,)."""
     of_prediction: tuple[Array, ...]
-    """Output less the prediction of the model with the one common offset, shape (r,)."""
-    nuisance: tuple[Array, ...]
-    """Coefficients of the nuisance columns of each section: the offset first."""
+    """Output less model and baseline, shape (r,)."""
+    baseline: tuple[Array, ...]
+    """The common offset at every sample of each section, or the section's own nuisance columns if
+    each record has its zero, shape (n,).
+    """
     offset: float
     """The common offset: mean of the fitted nuisance columns over the rows in use."""
 
@@ -56,29 +61,22 @@ class Residuals:
 def residuals(model: HysteresisModel, data: FitData) -> Residuals:
     """Compare a model behind the chain with the output.
 
-    The nuisance columns are fitted to the rows in use alone; errors are of all rows.
+    The nuisance columns are fitted to the rows in use alone, or to all rows of a section without
+    any; errors are of all rows.
     """
     sections = data.sections
     outputs = behind_chain([model.simulate(s.u).values[:, None] for s in sections], data)
     errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(outputs, sections, data.rows, strict=True)]
-    fitted, level, nuisance = [], [], []
-    for error, s, r, use in zip(errors, sections, data.rows, data.use, strict=True):
-        columns = s.nuisance[r.at]
-        used = use if use.any() else np.ones_like(use)
-        coefficients = np.linalg.lstsq(columns[used], error[used], rcond=None)[0]
-        fitted.append(columns @ coefficients)
-        level.append(np.full(int(use.sum()), float(np.mean(columns[used] @ coefficients))))
-        nuisance.append(coefficients)
-    offset = float(np.mean(np.concatenate(level)))
+    levels = fitted_levels(errors, data)
+    every = [level[r.at[u]] for level, r, u in zip(levels, data.rows, data.use, strict=True)]
+    offset = float(np.mean(np.concatenate(every)))
+    baseline = [np.full(s.u.size, offset) for s in sections] if data.zero == "one" else levels
+    of_fit, of_prediction = (
+        tuple(e - values[r.at] for e, values, r in zip(errors, by_section, data.rows, strict=True))
+        for by_section in (levels, baseline)
+    )
     return Residuals(
-        of_fit=tuple(e - n for e, n in zip(errors, fitted, strict=True)),
-        # a drift that was fitted with the model is the record's: only its mean is predicted
-        of_prediction=tuple(
-            e - n + (np.mean(n[u]) if u.any() else np.mean(n)) - offset
-            for e, n, u in zip(errors, fitted, data.use, strict=True)
-        ),
-        nuisance=tuple(nuisance),
-        offset=offset,
+        of_fit=of_fit, of_prediction=of_prediction, baseline=tuple(baseline), offset=offset
     )
 
 
@@ -245,10 +243,11 @@ def estimates(
         along = bread[named, c] / max(bread[c, c], 1e-300) * scale[c] / scale[named]
         error = np.hypot(error, along * width)
     mean /= scale
+    variance = max(mean @ covariance @ mean, mean @ plain @ mean)
     offset = ParameterEstimate(
         name="offset",
         value=residual.offset,
-        standard_error=float(np.sqrt(max(mean @ covariance @ mean, mean @ plain @ mean))),
+        standard_error=float(np.sqrt(variance)) if data.zero == "one" else math.inf,
     )
     parameters = tuple(
         ParameterEstimate(name=n, value=float(v), standard_error=float(s))
@@ -292,15 +291,8 @@ def _jacobian(fit: FitResult, data: FitData, searched: Sequence[str]) -> Array:
             ends.append(np.concatenate([c[u, 0] for c, u in zip(outputs, data.use, strict=True)]))
         width = value + step - max(value - step, 0.0)
         parts.append(((ends[0] - ends[1]) / width)[:, None])
-    first = 0
-    total = sum(int(u.sum()) for u in data.use)
-    for s, r, u in zip(sections, data.rows, data.use, strict=True):
-        columns = np.zeros((total, s.nuisance.shape[1]))
-        count = int(u.sum())
-        columns[first : first + count] = s.nuisance[r.at[u]]
-        parts.append(columns)
-        first += count
-    return np.concatenate(parts, axis=1)
+    blocks = [s.nuisance[r.at[u]] for s, r, u in zip(sections, data.rows, data.use, strict=True)]
+    return np.concatenate([*parts, block_diag(*blocks)], axis=1)
 
 
 def _sums_by_cycle(scores: Array, data: FitData) -> Array:
