@@ -16,6 +16,7 @@ from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.hysteresis.models.registry import MODELS
 from flexstage.hysteresis.requests import Zero
 from flexstage.quantities.units import readable, si_unit
+from flexstage.records import Channel
 
 #: Number of cycles that erase the memory of earlier motion, also if it only fades.
 _CONDITIONING = 4
@@ -197,22 +198,25 @@ class DriveModel:
         )
 
 
-def requested_readings(drive: DriveModel, reference: Array, *, relative: bool) -> Array:
-    """Return a reference as readings of a drive.
+def requested_readings(
+    drive: DriveModel, channel: Channel, *, relative: bool
+) -> tuple[Array, tuple[str, ...]]:
+    """Return a reference as readings of a drive, in its unit, and notes.
 
     A relative one counts from the lowest reading of the identification. A ModelError without a
     validity range, or if an absolute one is given for a sensor without a fixed zero.
     """
-    if not relative:
-        if drive.zero != "one":
-            raise ModelError(
-                "each record of the identification has a zero of its own, so that an absolute "
-                "reference has no meaning: count it from the lowest reading, by --relative"
-            )
-        return reference
-    if drive.validity is None:
-        raise ModelError("--relative needs a model with a validity range")
-    return reference + drive.validity.output_range[0]
+    if not relative and drive.zero != "one":
+        raise ModelError(
+            "each record of the identification has a zero of its own, so that an absolute "
+            "reference has no meaning: count it from the lowest reading, by --relative"
+        )
+    values, note = in_unit_of_model(channel.values, channel.unit, drive.output_unit, "reference")
+    if relative:
+        if drive.validity is None:
+            raise ModelError("--relative needs a model with a validity range")
+        values = values + drive.validity.output_range[0]
+    return values, (note,) if note else ()
 
 
 def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -> tuple[Array, str]:

@@ -269,8 +269,7 @@ class _CoarseModel:
         longest = math.log10(self.chain.creep_longest)
         lags = []
         for decade in range(math.ceil(shortest), math.floor(longest) + 1):
-            lag = CreepSpectrum(times=(10.0**decade,), weights=(1.0,))
-            chain = replace(self.chain, spectrum=lag, creep_per_decade=lag.rate_per_decade)
+            chain = self.chain.with_lag(10.0**decade)
             columns = [
                 filtered((c @ solution.weights)[:, None], s, r, chain)
                 for c, s, r in zip(self.quasi_static, sections, rows, strict=True)
@@ -282,8 +281,9 @@ class _CoarseModel:
         self, sections: Sequence[RecordSection], spectrum: CreepSpectrum | None
     ) -> "_CoarseModel":
         """Return the model with creep of another start or spectrum."""
-        creep = _unit_creep(self.quasi_static, sections, self.records.rows, self.chain, spectrum)
-        creep -= self.plain
+        unit = replace(self.chain, creep_per_decade=1.0, spectrum=spectrum)
+        parts = zip(self.quasi_static, sections, self.records.rows, strict=True)
+        creep = np.concatenate([filtered(c, s, r, unit) for c, s, r in parts]) - self.plain
         columns = np.column_stack((self.plain, creep))
         return replace(
             self,
@@ -327,19 +327,6 @@ def _coarse_model(records: _StackedRecords, data: FitData) -> _CoarseModel:
         penalty=penalty * short.input_scale**2,
         first_creep=data.chain.creep_per_decade,
     ).with_creep(sections, None)
-
-
-def _unit_creep(
-    columns: Sequence[Array],
-    sections: Sequence[RecordSection],
-    rows: Sequence[Rows],
-    chain: ChainValues,
-    spectrum: CreepSpectrum | None,
-) -> Array:
-    """Columns behind the chain with a unit of creep, at the rows of all records."""
-    unit = replace(chain, creep_per_decade=1.0, spectrum=spectrum)
-    parts = zip(columns, sections, rows, strict=True)
-    return np.concatenate([filtered(c, s, r, unit) for c, s, r in parts])
 
 
 def _with_other_creep(model: _CoarseModel, chain: ChainValues) -> Iterator[_CoarseModel]:

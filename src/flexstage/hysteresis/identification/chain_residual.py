@@ -390,10 +390,7 @@ class _SpectrumFit:
     def _at_rows(self, columns: Array, section: RecordSection, rows: Rows) -> Array:
         """Columns, then their change by each lag and by the creep of the chain, side by side."""
         plain = filtered(columns, section, rows, self._bare)
-        lags = [
-            replace(self._bare, spectrum=lag, creep_per_decade=lag.rate_per_decade)
-            for lag in (CreepSpectrum(times=(float(t),), weights=(1.0,)) for t in self.times)
-        ]
+        lags = [self._bare.with_lag(float(t)) for t in self.times]
         changes = [filtered(columns, section, rows, c) - plain for c in (*lags, *self._creep)]
         return np.concatenate([plain, *changes], axis=1)
 

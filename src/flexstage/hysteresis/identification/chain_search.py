@@ -34,7 +34,7 @@ _USUAL_CREEP, _CREEP_RANGE = 0.015, 0.005
 #: Number of values of creep between the best and the usual one.
 _CREEP_STEPS = 11
 #: Records have a common offset if it increases the residual by less than this factor.
-COMMON_OFFSET = 1.5
+_COMMON_OFFSET = 1.5
 #: Starts whose residuals are within this factor of the least are all possible.
 _POSSIBLE = 1.25
 #: Largest ratio of a resonance to the rate of the fastest cycles, ...
@@ -184,7 +184,7 @@ def find_starts(
         rms, rms_common = search.rms(trial_chain), search.rms_of_common_offset(trial_chain)
         trials.append((rms, rms_common, trial_chain))
     # the records have a common offset if some start makes it likely
-    common = any(offset <= COMMON_OFFSET * free for free, offset, _ in trials)
+    common = any(offset <= _COMMON_OFFSET * free for free, offset, _ in trials)
     residual = search.rms_of_common_offset if common else search.rms
     residuals = [offset if common else free for free, offset, _ in trials]
     least, values = residuals[0], trials[0][2]

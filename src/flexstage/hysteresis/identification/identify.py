@@ -32,7 +32,6 @@ from flexstage.hysteresis.identification.model_choice import (
     Candidate,
     FittedModel,
     choose,
-    failed_candidate,
     fit_model,
     prediction_errors,
 )
@@ -131,9 +130,8 @@ def identify(
         share = max(1, _MOST_SAMPLES // len(data.sections))
         short = replace(data, sections=tuple(averaged(s, share) for s in data.sections))
         fitted_rows = _data(short, estimate.values, None)
-    fitted_rows = (
-        fit_data(data, estimate.values, fitted_rows.rows, fitted_rows.use) if train else fitted_rows
-    )
+    else:
+        fitted_rows = fit_data(data, estimate.values, fitted_rows.rows, fitted_rows.use)
     still = train is not None and stands_still(fitted_rows)
     model_fits: dict[str, FittedModel] = {}
     failed: list[Candidate] = []
@@ -142,9 +140,8 @@ def identify(
         try:
             model_fits[name] = fit_model(fits()[name], fitted_rows, validate=train is None or still)
         except ModelError as error:
-            failed.append(
-                failed_candidate(fits()[name], f"it cannot be fitted to this record: {error}")
-            )
+            reason = f"it cannot be fitted to this record: {error}"
+            failed.append(Candidate(kind=name, size=fits()[name].size, failed=reason))
     if not model_fits:
         raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
     selected, candidates = choose(model_fits, fitted_rows)

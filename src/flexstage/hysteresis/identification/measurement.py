@@ -131,10 +131,9 @@ def measurement(
     ]
     sign = _sign(pairs)
     sections = tuple(
-        _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source) for r, i, o in pairs
+        _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source, zero)
+        for r, i, o in pairs
     )
-    if zero == "drift":
-        sections = tuple(_with_drift(s) for s in sections)
     _require_order(sections, pairs[0][1].name, pairs[0][2].name)
     stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
     data = IdentificationData(
@@ -156,12 +155,6 @@ def measurement(
         warnings=_warnings(data),
         findings=tuple(f for section_findings in findings for f in section_findings),
     )
-
-
-def _with_drift(section: RecordSection) -> RecordSection:
-    """Add a nuisance column that rises by 1 over the record."""
-    rise = np.linspace(0.0, 1.0, section.u.size)
-    return replace(section, nuisance=np.column_stack((section.nuisance, rise)))
 
 
 def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
@@ -228,7 +221,7 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
     return signs[0]
 
 
-def _section(u: Array, y: Array, dt: float, source: str) -> RecordSection:
+def _section(u: Array, y: Array, dt: float, source: str, zero: Zero) -> RecordSection:
     first = first_moving(u)
     u, y = u[first:], y[first:]
     measured = np.isfinite(y)
@@ -254,7 +247,8 @@ def _section(u: Array, y: Array, dt: float, source: str) -> RecordSection:
             dt=dt,
             cycles=moves,
             warm_up=warm_up(u, moves),
-            nuisance=np.ones((u.size, 1)),
+            # 1, and time over duration for a drift
+            nuisance=np.linspace(0.0, 1.0, u.size)[:, None] ** np.arange(1 + (zero == "drift")),
             noise=noise,
             input_noise=noise_removed,
             first=first,

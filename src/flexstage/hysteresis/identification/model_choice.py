@@ -33,11 +33,11 @@ class Candidate:
     """Name of the model."""
     size: int
     """Number of its parameters."""
-    rms_percent: float | None
+    rms_percent: float | None = None
     """Rms error of the prediction on fitted samples, over the stroke [%]; None if it could not be
     fitted.
     """
-    heldout_rms_percent: float | None
+    heldout_rms_percent: float | None = None
     """The same on held-out cycles [%]."""
     heldout_free_rms_percent: float | None = None
     """The same, with the constant fitted to the held-out samples [%]."""
@@ -57,17 +57,6 @@ class FittedModel:
     """Its residuals at all rows."""
     folds: Folds | None
     """Cross-validation errors; None without cross-validation."""
-
-
-def failed_candidate(method: ModelFit, reason: str) -> Candidate:
-    """Describe a model that could not be fitted."""
-    return Candidate(
-        kind=method.kind,
-        size=method.size,
-        rms_percent=None,
-        heldout_rms_percent=None,
-        failed=reason,
-    )
 
 
 def fit_model(method: ModelFit, data: FitData, *, validate: bool) -> FittedModel:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
-from flexstage.hysteresis.identification.chain_search import COMMON_OFFSET, ChainEstimate
+from flexstage.hysteresis.identification.chain_search import ChainEstimate
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.model_choice import FittedModel, PredictionErrors
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.residuals import root_mean_square
 from flexstage.quantities.units import readable
 
 #: Residual of a fitted model of a piezo drive: 0.1 to 2 % of the stroke, depending on the session.
@@ -139,8 +138,7 @@ def _zero_of_each(best: FittedModel, data: FitData, settling: float) -> tuple[st
     left = best.residuals
     pairs = zip(left.of_prediction, left.of_fit, strict=True)
     apart = float(np.ptp([np.mean(predicted - fitted) for predicted, fitted in pairs]))
-    predicted = root_mean_square(np.concatenate(left.predicted_at(data.use)))
-    if apart <= settling or predicted <= COMMON_OFFSET * root_mean_square(left.at(data.use)):
+    if apart <= max(settling, float(np.max(np.abs(left.at(data.use))))):
         return ()
     return (
         f"the constants of the records differ by {readable(data.output_unit, apart)} "
