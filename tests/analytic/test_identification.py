@@ -52,6 +52,7 @@ from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records import Channel, Record
+from flexstage.report.identification import prediction_in_words
 from flexstage.virtual.stack import virtual_stack
 
 NONE = ChainValues()
@@ -578,6 +579,8 @@ def test_records_with_a_zero_of_their_own():
     assert file.model.zero == "each"
     other = predict(file.model, creeping(1.5, 21e-6), "u", "y")
     assert other.as_predicted_rms_percent < 2.0 * (clean.heldout_rms_percent or 0.0)
+    (line,) = prediction_in_words(other, replace(file.model, creep=None))
+    assert "predicted with the constant of its record" in line
     # a reference has no zero either
     wanted = Channel(name="wanted", values=5e-6 + 2e-5 * drive(size=600) / 112.0, unit="m")
     reference = Record(channels=(wanted,), time=0.004 * np.arange(600))

@@ -47,9 +47,10 @@ def predictions_table(predictions: Sequence[Prediction], caption: str = "") -> T
 def prediction_in_words(prediction: Prediction, model: DriveModel) -> list[str]:
     """Return sentences on the record of a prediction."""
     stroke = readable(model.output_unit or "output", prediction.stroke, digits=4)
+    zero = _zero_in_words(model)
+    mean = f"predicted{zero}" if zero else f"mean error {prediction.constant_percent:+.2f} % of it"
     lines = [
-        f"{Path(prediction.source).name or 'record'}: stroke {stroke}; mean error "
-        f"{prediction.constant_percent:+.2f} % of it{_zero_in_words(model)}; the first "
+        f"{Path(prediction.source).name or 'record'}: stroke {stroke}; {mean}; the first "
         f"{prediction.warm_up} of {prediction.time.size} samples are not counted"
     ]
     if model.creep is not None:
@@ -114,9 +115,9 @@ def identification_in_words(result: Identification) -> list[str]:
 
 
 def _zero_in_words(model: DriveModel) -> str:
-    """Return what was fitted to each record, after a comma; empty for one zero of all."""
+    """Return what was fitted to each record, after a blank; empty for one zero of all."""
     fitted = {"one": "", "each": "constant", "drift": "constant and drift"}[model.zero]
-    return fitted and f", with the {fitted} of its record"
+    return fitted and f" with the {fitted} of its record"
 
 
 def quality_in_words(result: Identification) -> str:
