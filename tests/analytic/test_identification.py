@@ -20,6 +20,7 @@ from flexstage.hysteresis import (
     PrandtlIshlinskii,
     Preisach,
     model_text,
+    predict,
     read_model_text,
 )
 from flexstage.hysteresis.chain.creep import LogCreep
@@ -51,10 +52,13 @@ from flexstage.hysteresis.identification.residuals import (
     held_out_errors,
     residuals,
 )
+from flexstage.hysteresis.inversion import compensate
 from flexstage.hysteresis.models import registry
 from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
+from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records import Channel, Record
+from flexstage.report.identification import prediction_in_words
 from flexstage.virtual.stack import virtual_stack
 
 NONE = ChainValues()
@@ -493,8 +497,8 @@ def test_a_model_that_predicts_nothing_is_said_to_diverge():
 FALLING = Dahl(gain=0.1e-6, stiffness=0.4e-6, limit=3e-6)
 
 
-def chosen_of(without_inverse=(), **parts):
-    """The model that is chosen when each leaves some errors of five parts [% of the stroke]."""
+def choice_of(without_inverse=(), **parts):
+    """The choice between models that leave some errors of five parts [% of the stroke]."""
     u = drive()
     data = whole(measurement([record(u, noisy(DAHL, u, 3))], "u", "y"))
     percent = data.stroke / 100.0
@@ -503,7 +507,7 @@ def chosen_of(without_inverse=(), **parts):
         method = fits()[name.replace("_", "-")]
         held_out = held_out_errors([[np.array([percent * e, -percent * e])] for e in errors], data)
         nothing = (np.zeros(data.rows[0].at.size),)
-        left = Residuals(of_prediction=nothing, nuisance=(), offset=0.0)
+        left = Residuals(of_prediction=nothing, baseline=nothing, offset=0.0)
         model = FALLING if name in without_inverse else DAHL
         tried[method.kind] = FittedModel(
             method=method,
@@ -512,7 +516,12 @@ def chosen_of(without_inverse=(), **parts):
             validation=held_out,
             held_out=held_out,
         )
-    return choose(tried, data)[0]
+    return choose(tried, data)
+
+
+def chosen_of(without_inverse=(), **parts):
+    """The model that is chosen when each leaves some errors of five parts."""
+    return choice_of(without_inverse, **parts)[0]
 
 
 def test_the_choice_between_errors_of_parts():
@@ -528,8 +537,66 @@ def test_the_choice_between_errors_of_parts():
     assert chosen_of(("dahl",), preisach=best, dahl=best) == "preisach"
     assert chosen_of(("dahl",), preisach=best, dahl=tuple(0.3 * e for e in best)) == "preisach"
     assert chosen_of(("dahl", "preisach"), preisach=best, dahl=best) == "dahl"
+    assert "no inverse" in choice_of(("dahl",), preisach=best, dahl=best)[1][1].failed
     # where all is rounding, the simplest
     assert chosen_of(preisach=(1e-12,) * 5, dahl=(3e-10,) * 5) == "dahl"
+
+
+# ----------------------------------------------------------------- a zero of its own in each record
+
+
+def creeping(rate_hz, zero, drift=0.0, size=1200, dt=0.004):
+    """A record of a stack with creep, whose sensor has a zero of its own."""
+    u = drive(size, rate_hz, dt)
+    free = virtual_stack((0.0, 112.0), 38e-6, 0.12).simulate(u).values
+    y = LogCreep(rate_per_decade=0.015).simulate(free, dt).values
+    y = y + zero + np.linspace(0.0, drift, size)
+    noise = np.random.default_rng(round(7 * rate_hz)).normal(0.0, 1e-8, size)
+    return record(u, y + noise, dt)
+
+
+def test_records_with_a_zero_of_their_own():
+    rates, zeros = (0.7, 3.0, 7.0), (0.0, 5e-6, -8e-6)
+
+    def found(zero, zeros, drift=0.0):
+        given = [
+            creeping(f, z, drift * (-1.0) ** k)
+            for k, (f, z) in enumerate(zip(rates, zeros, strict=True))
+        ]
+        chain = ChainValues(creep_per_decade=0.015)
+        return identify(given, "u", "y", model="preisach", zero=zero, chain=chain)
+
+    def named(found):
+        return [w for w in found.warnings if "--zero each" in w]
+
+    clean = found("one", (0.0, 0.0, 0.0))
+    assert named(clean) == []
+    blind = found("one", zeros)
+    (sentence,) = named(blind)
+    assert "differ by 13" in sentence
+    assert not blind.quality.fits
+    each = found("each", zeros)
+    for found_each in (each, found("drift", zeros, 1.5e-6)):
+        assert found_each.quality.fits
+        assert named(found_each) == []
+        assert found_each.heldout_rms_percent < 1.3 * (clean.heldout_rms_percent or 0.0)
+        assert np.isinf(found_each.offset.standard_error)
+        assert found_each.chain_rows()["offset"]["standard_error"] is None
+        low, high = found_each.model.validity.output_range
+        assert high - low == pytest.approx(clean.stroke, rel=0.02)
+    file = read_model_text(model_text(ModelFile(model=each.model)))
+    assert file.model.zero == "each"
+    other = predict(file.model, creeping(1.5, 21e-6), "u", "y")
+    assert other.as_predicted_rms_percent < 2.0 * (clean.heldout_rms_percent or 0.0)
+    (line,) = prediction_in_words(other, replace(file.model, creep=None))
+    assert "predicted with the constant of its record" in line
+    # a reference has no zero either
+    wanted = Channel(name="wanted", values=5e-6 + 2e-5 * drive(size=600) / 112.0, unit="m")
+    reference = Record(channels=(wanted,), time=0.004 * np.arange(600))
+    with pytest.raises(ModelError, match=r"an absolute reference has no meaning.*by --relative"):
+        compensate(file, reference, "wanted", CompensateRequest())
+    command = compensate(file, reference, "wanted", CompensateRequest(relative=True)).feedforward
+    assert command.rms_error < 1e-4 * np.ptp(wanted.values)
 
 
 # ----------------------------------------------------------------------------------- optimisation
@@ -555,17 +622,18 @@ def test_twenty_random_starts_end_at_one_optimum():
 
 @pytest.mark.parametrize("size", [1.0, 1e-9, 1e9])
 def test_coefficients_fulfil_the_conditions_of_the_optimum(size):
-    """Karush, Kuhn and Tucker: no gradient where a coefficient is free, none inwards where zero."""
+    """Karush, Kuhn and Tucker: no gradient where a coefficient is free, none inwards at a floor."""
     rng = np.random.default_rng(8)
     columns = rng.normal(size=(400, 12)) + rng.normal(size=(400, 1))
     nuisance = np.column_stack((np.ones(400), np.linspace(0.0, 1.0, 400)))
     truth = np.array([0.7, 0.0, 0.0, 1.1, 0.2, 0.0, 0.0, 0.4, 0.0, 0.0, -0.9, 0.0])
     y = size * (columns @ truth + nuisance @ [3.0, -2.0] + rng.normal(0.0, 0.3, 400))
     free = np.arange(12) == 10
-    found = solve(normal_equations(columns, nuisance, y), free=free)
+    floor = size * np.where(np.arange(12) % 4 == 1, 0.1, 0.0)
+    found = solve(normal_equations(columns, nuisance, y), free=free, least=floor)
     left = y - columns @ found.coefficients - nuisance @ found.nuisance
     gradient = columns.T @ left / (size * 400.0)
-    x = found.coefficients
+    x = found.coefficients - floor
     assert x[10] < 0.0
     assert np.all(x[~free] >= 0.0)
     loose = (x > 0.0) | free
@@ -598,6 +666,30 @@ def test_a_preisach_fit_is_an_optimum():
     assert np.abs(gradient / scale)[x > 0.0].max() < 1e-9
     assert np.max((gradient / scale)[(x == 0.0) & moving], initial=-np.inf) < 1e-9
     assert (x > 0.0).sum() > 60
+
+
+def test_preisach_has_an_inverse_where_the_loop_is_flat_after_a_turn():
+    """Loops of plays alone, bent and saturating: outside the other models, and flat at turns."""
+    u = drive()
+    thresholds = np.linspace(0.0, 50.0, 20)
+    weights = np.exp(-(((thresholds - 22.0) / 10.0) ** 2))
+    weights[0] = 0.0
+    y = 3e-7 * np.tanh(play_columns(u - 57.0, thresholds) / 25.0) @ weights
+    noise = np.random.default_rng(3).normal(0.0, 5e-4 * np.ptp(y), u.size)
+    found = identify(record(u, y + noise), "u", "y", chain=NONE, model=("maxwell-slip", "preisach"))
+    slip = found.candidates[1]
+    assert found.kind == "preisach"
+    assert 3.0 * (found.heldout_rms_percent or 0.0) < (slip.heldout_rms_percent or 0.0)
+    law = found.model.hysteresis
+    readings = law.simulate(u).values
+    back = law.simulate(law.inverse(readings).values).values
+    assert np.abs(back - readings).max() < 1e-12 * np.ptp(readings)
+    # where the floor is all that is left, it is reported
+    data, method = whole(measurement([record(u, y)], "u", "y")), PreisachFit(smoothing=1e-9)
+    for flat, notes in ((0.0, 1), (2e-9, 0)):
+        law = method.build(np.repeat((flat, 1e-9), (16, 240)), data)
+        exact = whole(measurement([record(u, law.simulate(u).values)], "u", "y"))
+        assert len(method.fit(exact).notes) == notes
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.0034, 0.0461])

@@ -1,6 +1,7 @@
 """A model on another record: as it stands, and after what the drive did before."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,9 +37,11 @@ def record(u, y):
 
 
 @pytest.mark.parametrize("start", ["rested", 0.0, 30.0, math.inf])
-def test_what_the_drive_did_before_is_found_from_what_is_not_counted(start):
+@pytest.mark.parametrize(("zero", "moved"), [("one", 0.0), ("each", 21e-6)])
+def test_what_the_drive_did_before_is_found_from_what_is_not_counted(start, zero, moved):
     u = np.concatenate((drive(1.1)[60:], drive()))
-    found = predict(MODEL, record(u, MODEL.simulate(u, DT, start=start)), "u", "y")
+    y = MODEL.simulate(u, DT, start=start) + moved
+    found = predict(replace(MODEL, zero=zero), record(u, y), "u", "y")
     assert found.warm_up > 20
     # starts that are close differ by less than this: a grid of six a decade
     assert found.as_predicted_rms_percent < 0.03
@@ -61,6 +64,17 @@ def test_a_constant_is_in_the_error_as_predicted_and_not_beside_it():
     assert (round(rate, 1), many) == (0.7, len(found.cycles))
     assert predicted == pytest.approx(found.as_predicted_rms_percent, rel=0.02)
     assert free == pytest.approx(found.free_constant_rms_percent, rel=0.1)
+
+
+def test_a_drift_of_the_record_is_not_in_the_error():
+    u = drive()
+    y = MODEL.simulate(u, DT, start=math.inf) + np.linspace(4e-6, 6e-6, u.size)
+    errors = [
+        predict(replace(MODEL, zero=zero), record(u, y), "u", "y", start=math.inf)
+        for zero in ("each", "drift")
+    ]
+    assert errors[0].as_predicted_rms_percent > 1.0
+    assert errors[1].as_predicted_rms_percent < 1e-9
 
 
 def test_a_record_without_a_cycle_is_counted_whole_and_said():

@@ -378,8 +378,8 @@ def test_drift_is_named_and_fitted():
     (drift,) = blind.quality.findings
     assert drift.kind == "drift"
     assert drift.size == pytest.approx(speed * TIME[-1], rel=0.25)
-    assert "--drift" in drift.text
-    clean, told = found_in(U, CLEAN), found_in(U, y, drift=True)
+    assert "--zero drift" in drift.text
+    clean, told = found_in(U, CLEAN), found_in(U, y, zero="drift")
     assert kinds(told) == []
     assert told.heldout_rms_percent < 0.4 * blind.heldout_rms_percent
     assert told.heldout_rms_percent < 1.2 * clean.heldout_rms_percent * clean.stroke / told.stroke

@@ -519,11 +519,13 @@ def test_the_verdict_is_told_and_drift_is_fitted_on_demand(capsys, tmp_path, tab
     path = tmp_path / "drifts.txt"
     write_text(path, moved)
     words = (*COLUMNS, "--model", "bouc-wen", "--known", "delay=0 s", "--json")
-    blind, told = (json.loads(run(capsys, path, *words, *more)[1]) for more in ((), ("--drift",)))
+    blind, told = (
+        json.loads(run(capsys, path, *words, *more)[1]) for more in ((), ("--zero", "drift"))
+    )
     findings = {f["kind"]: f for f in blind["quality"]["findings"]}
     assert set(findings) == {"spikes", "drift"}
     assert findings["spikes"]["at"] == pytest.approx([700 / RATE, 1501 / RATE])
     assert blind["quality"]["fits"] == (blind["quality"]["reason"] == "")
-    assert any("--drift" in w for w in blind["warnings"])
+    assert any("--zero drift" in w for w in blind["warnings"])
     assert [f["kind"] for f in told["quality"]["findings"]] == ["spikes"]
     assert told["heldout_rms_percent"] < 0.7 * blind["heldout_rms_percent"]

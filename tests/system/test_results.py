@@ -266,7 +266,7 @@ def test_a_command_prints_and_draws_the_result_of_the_library(
         SweepRequest(over=("neck=0.3..0.8 mm",), samples=40, indices=True),
         SensitivityRequest(per=10e-6, hinges=True),
         IdentifyRequest(
-            model=("dahl", "duhem"), train=(None, 1500), known=KnownChain(delay=0.0), drift=True
+            model=("dahl", "duhem"), train=(None, 1500), known=KnownChain(delay=0.0), zero="drift"
         ),
         ExciteRequest(voltage=(0.0, 120.0), rates=(0.5, 5.0), multisine=False),
         PredictRequest(start=float("inf")),

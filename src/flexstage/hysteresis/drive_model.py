@@ -14,7 +14,9 @@ from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.hysteresis.models.registry import MODELS
+from flexstage.hysteresis.requests import Zero
 from flexstage.quantities.units import readable, si_unit
+from flexstage.records import Channel
 
 #: Number of cycles that erase the memory of earlier motion, also if it only fades.
 _CONDITIONING = 4
@@ -100,6 +102,10 @@ class DriveModel:
     """Range of its identification."""
     start: Start = "rested"
     """Motion of the drive before the record of the identification."""
+    zero: Zero = "one"
+    """Zero of the sensor: one of all records, or one of each, with or without a linear drift. The
+    offset is then the mean of the identification, and only changes of readings are predicted.
+    """
 
     def conditioned(self) -> Array:
         """Return the state of the hysteresis after cycles over the full range, at its low end.
@@ -192,11 +198,25 @@ class DriveModel:
         )
 
 
-def lowest_reading(drive: DriveModel) -> float:
-    """Return the lowest reading of an identification; a ModelError without a validity range."""
-    if drive.validity is None:
-        raise ModelError("--relative needs a model with a validity range")
-    return drive.validity.output_range[0]
+def requested_readings(
+    drive: DriveModel, channel: Channel, *, relative: bool
+) -> tuple[Array, tuple[str, ...]]:
+    """Return a reference as readings of a drive, in its unit, and notes.
+
+    A relative one counts from the lowest reading of the identification. A ModelError without a
+    validity range, or if an absolute one is given for a sensor without a fixed zero.
+    """
+    if not relative and drive.zero != "one":
+        raise ModelError(
+            "each record of the identification has a zero of its own, so that an absolute "
+            "reference has no meaning: count it from the lowest reading, by --relative"
+        )
+    values, note = in_unit_of_model(channel.values, channel.unit, drive.output_unit, "reference")
+    if relative:
+        if drive.validity is None:
+            raise ModelError("--relative needs a model with a validity range")
+        values = values + drive.validity.output_range[0]
+    return values, (note,) if note else ()
 
 
 def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -> tuple[Array, str]:

@@ -15,9 +15,8 @@ from flexstage.hysteresis.chain.creep import Creep, Start, creep_start
 from flexstage.hysteresis.chain.element import positive_step
 from flexstage.hysteresis.drive_model import (
     DriveModel,
-    in_unit_of_model,
-    lowest_reading,
     range_warnings,
+    requested_readings,
 )
 from flexstage.hysteresis.limited_inverse import (
     HIGHEST,
@@ -442,11 +441,7 @@ def compensate(
 ) -> CompensationCommand:
     """Return the command by which a drive follows a column of a record."""
     drive, channel = file.model, reference.channel(column)
-    values, converted = in_unit_of_model(
-        channel.values, channel.unit, drive.output_unit, "reference"
-    )
-    if request.relative:
-        values = values + lowest_reading(drive)
+    values, converted = requested_readings(drive, channel, relative=request.relative)
     command = command_of_request(drive, values, 1.0 / reference.sample_rate_hz, request)
-    notes = (*file.notes, *filter(None, [converted]), *command.notes, *reference.notes)
+    notes = (*file.notes, *converted, *command.notes, *reference.notes)
     return CompensationCommand(request=request, file=file, feedforward=command, notes=notes)

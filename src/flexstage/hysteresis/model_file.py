@@ -23,6 +23,7 @@ from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
+from flexstage.hysteresis.requests import Zero
 
 _CHANGED = "the file was changed since it was written"
 
@@ -59,6 +60,7 @@ class _Output:
     unit: str = ""
     offset: float = 0.0
     sign: float = 1.0
+    zero: Zero = "one"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,7 +94,7 @@ def model_text(file: ModelFile) -> str:
     m = file.model
     content = _Content(
         input=_Input(unit=m.input_unit),
-        output=_Output(unit=m.output_unit, offset=float(m.offset), sign=float(m.sign)),
+        output=_Output(unit=m.output_unit, offset=float(m.offset), sign=float(m.sign), zero=m.zero),
         hysteresis=m.hysteresis,
         chain=_Chain(creep=m.creep, modes=m.modes, lag=m.lag),
         start=m.start,
@@ -146,6 +148,7 @@ def _model_file(decoder: Decoder, root: nodes.Mapping) -> ModelFile:
             output_unit=content.output.unit,
             validity=content.validity,
             start=content.start,
+            zero=content.output.zero,
         ),
         provenance=content.provenance or {},
         errors=content.errors_percent_of_stroke or {},

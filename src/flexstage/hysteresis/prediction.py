@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from flexstage.base.errors import ModelError, RecordError
 from flexstage.files.plain import picked
@@ -72,7 +73,9 @@ class Prediction:
     measured: Array
     """Measured output, shape (n,)."""
     predicted: Array
-    """Predicted output, shape (n,)."""
+    """Predicted output, shape (n,). If each record has its zero, the constant, or the drift, is
+    fitted to the samples that are counted.
+    """
     warm_up: int
     """Number of first samples that depend on motion before the record; they are not counted."""
     starts: tuple[Start, ...]
@@ -249,6 +252,10 @@ def predict(
     memory, starts, predicted = _possible_starts(model, u, y, dt, warm_up_samples, start)
     if not np.isfinite(y[begin:]).any():
         begin = 0  # a table has no measured samples before its branches
+    if model.zero != "one":
+        at = begin + np.flatnonzero(np.isfinite(y[begin:]))
+        level = Polynomial.fit(at, (y - predicted)[at], int(model.zero == "drift"))
+        predicted = predicted + level(np.arange(y.size))
     stroke = float(np.nanmax(y[begin:]) - np.nanmin(y[begin:]))
     if stroke == 0.0:
         raise RecordError(
@@ -331,10 +338,13 @@ def _possible_starts(
     memory = next(iter(states))
     if before.stop == 0:
         return memory, starts, model.simulate(u, dt, states[memory], start=starts[0])
+    free = model.zero != "one"
 
     def trial(memory: str, start: Start) -> tuple[float, Array]:
         reading = model.simulate(u, dt, states[memory], start=start)
-        return float(np.nanmedian(np.abs(y - reading)[before])), reading
+        differences = (y - reading)[before]
+        constant = np.nanmedian(differences) if free else 0.0
+        return float(np.nanmedian(np.abs(differences - constant))), reading
 
     few = dict.fromkeys((starts[0], *starts[-2:]))
     least = {m: min(trial(m, s)[0] for s in few) for m in states}

@@ -21,6 +21,8 @@ from flexstage.stage.assumptions import DAMPING_RATIO
 _VOLTAGES = Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")]
 _CURRENT = Annotated[float, MEASURED["current"], POSITIVE]
 _SHARE = Range(low=0.0, high=1.0, below=True)
+#: Zero of the sensor of an output: one of all records, one of each, or with a linear drift as well.
+Zero = Literal["one", "each", "drift"]
 
 
 def read_duration(text: str) -> float | str:
@@ -80,8 +82,11 @@ class IdentifyRequest(Request):
         | None
     ) = None
     """Temperature of the record, such as "294.5:296" in K; stored in the model file."""
-    drift: bool = False
-    """Also fit a linear drift to each record; it is not part of the model."""
+    zero: Zero = "one"
+    """Zero of the output: one of all records; each: every record has its own constant, as of an
+    interferometer, an encoder or an AC coupling; drift: and a linear drift. Neither is in the
+    model.
+    """
 
 
 def rowwise(request: IdentifyRequest) -> IdentifyRequest:

@@ -47,10 +47,11 @@ def predictions_table(predictions: Sequence[Prediction], caption: str = "") -> T
 def prediction_in_words(prediction: Prediction, model: DriveModel) -> list[str]:
     """Return sentences on the record of a prediction."""
     stroke = readable(model.output_unit or "output", prediction.stroke, digits=4)
+    zero = _zero_in_words(model)
+    mean = f"predicted{zero}" if zero else f"mean error {prediction.constant_percent:+.2f} % of it"
     lines = [
-        f"{Path(prediction.source).name or 'record'}: stroke {stroke}; mean error "
-        f"{prediction.constant_percent:+.2f} % of it; the first {prediction.warm_up} of "
-        f"{prediction.time.size} samples are not counted"
+        f"{Path(prediction.source).name or 'record'}: stroke {stroke}; {mean}; the first "
+        f"{prediction.warm_up} of {prediction.time.size} samples are not counted"
     ]
     if model.creep is not None:
         lines.append(f"assumed history: the drive {start_in_words(*prediction.starts)}")
@@ -75,10 +76,8 @@ def _percents(candidate: Candidate) -> tuple[str, str, str]:
     c = candidate
     if c.rms_percent is None:
         return "failed", "", ""
-    if c.failed:
-        return f"{c.rms_percent:.3f}", "diverges", ""
     heldout = [
-        "" if value is None else f"{value:.3f}"
+        "" if value is None else f"{value:.3f}" if value < 100.0 else "diverges"
         for value in (c.heldout_rms_percent, c.heldout_free_rms_percent)
     ]
     return f"{c.rms_percent:.3f}", heldout[0], heldout[1]
@@ -108,13 +107,20 @@ def identification_in_words(result: Identification) -> list[str]:
     return lines
 
 
+def _zero_in_words(model: DriveModel) -> str:
+    """Return what was fitted to each record, after a blank; empty for one zero of all."""
+    fitted = {"one": "", "each": "constant", "drift": "constant and drift"}[model.zero]
+    return fitted and f" with the {fitted} of its record"
+
+
 def heldout_in_words(result: Identification) -> str:
     """Return a sentence on the held-out error, or an empty one; its figures are one experiment."""
     r = result
     if r.heldout_rms_percent is None:
         return ""
     return (
-        f"held out, as predicted: {r.heldout_rms_percent:.3f} % of the stroke rms, "
+        f"held out, as predicted{_zero_in_words(r.model)}: {r.heldout_rms_percent:.3f} % of the "
+        f"stroke rms, "
         f"{interval_in_words(r)}; 95 % within {r.heldout_band_percent:.2f}, "
         f"largest {r.heldout_max_percent:.2f}"
     )

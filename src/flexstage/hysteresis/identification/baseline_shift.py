@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 
 from flexstage.base.arrays import Array
@@ -112,7 +113,7 @@ def baseline_shifts(data: FitData) -> list[RecordFault]:
         for row, size in zip(rows, best.extra, strict=True)
     ]
     # a jump causes a trend, and is corrected first
-    if not faults and not data.drift:
+    if not faults and data.zero != "drift":
         faults = _drift_faults(data, models, _mean_square(best))
     return sorted(faults, key=lambda f: (f.record, f.at))
 
@@ -150,26 +151,18 @@ class _StackedRecords:
     def nuisance(self) -> Array:
         """Nuisance columns of each record, zero in the others, shape (n, k)."""
         pairs = zip(self.data.sections, self.data.rows, strict=True)
-        return self._block_diagonal([s.nuisance[r.at] for s, r in pairs])
+        return np.asarray(block_diag(*(s.nuisance[r.at] for s, r in pairs)))
 
     @property
     def trends(self) -> Array:
         """Rise by 1 over each record, about zero, and zero in the others, shape (n, records)."""
-        return self._block_diagonal([_trend(r)[:, None] for r in self.data.rows])
+        return np.asarray(block_diag(*(_trend(r)[:, None] for r in self.data.rows)))
 
     @property
     def cycle_rows(self) -> tuple[int, ...]:
         """Number of rows in a cycle of each record."""
         pairs = zip(self.data.sections, self.data.rows, strict=True)
         return tuple(_rows_in_cycle(s, r) for s, r in pairs)
-
-    def _block_diagonal(self, blocks: list[Array]) -> Array:
-        matrix = np.zeros((self.y.size, sum(b.shape[1] for b in blocks)))
-        first = 0
-        for block, a, b in zip(blocks, self.ends[:-1], self.ends[1:], strict=True):
-            matrix[a:b, first : first + block.shape[1]] = block
-            first += block.shape[1]
-        return matrix
 
     def steps(self, rows: Sequence[int]) -> Array:
         """Columns that rise by 1 at a row, to the end of its record, shape (n, rows)."""
@@ -307,8 +300,7 @@ class _CoarseModel:
         for decade in range(
             math.ceil(shortest), math.floor(math.log10(data.chain.creep_longest)) + 1
         ):
-            lag = CreepSpectrum(times=(10.0**decade,), weights=(1.0,))
-            chain = replace(data.chain, spectrum=lag, creep_per_decade=lag.rate_per_decade)
+            chain = data.chain.with_lag(10.0**decade)
             lags.append(np.concatenate(behind_chain(output, replace(data, chain=chain))))
         return np.column_stack((self.active_columns(solution), *lags))
 
@@ -518,6 +510,6 @@ def _drift_fault(
         percent=percent,
         text=f"the output drifts by {size * per_second:.3g} {unit} "
         f"(standard error {error * per_second:.1g}), {percent:.2g} % of the stroke over "
-        "the record, and does not slow down as creep does: fit a linear drift with --drift, and "
-        "look for a source of heat",
+        "the record, and does not slow down as creep does: fit a linear drift with --zero "
+        "drift, and look for a source of heat",
     )

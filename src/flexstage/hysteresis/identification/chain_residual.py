@@ -154,18 +154,13 @@ class ChainResidual:
         return math.sqrt(square / normal.count) / self._data.stroke
 
     def rms_of_common_offset(self, chain: ChainValues) -> float:
-        """Return the same with a common offset of all records."""
+        """Return the same with a common offset of all records, if they have one."""
+        if self._data.zero != "one" or len(self._data.sections) == 1:
+            return self.rms(chain)
         normal = self._normal(chain)
         solution = self._solve(normal)
-        offsets, rows, first = [], [], 0
-        for s, r, use in zip(self._data.sections, self._data.rows, self._data.use, strict=True):
-            columns = s.nuisance[r.at[use]]
-            coefficients = solution.nuisance[first : first + columns.shape[1]]
-            first += columns.shape[1]
-            # with a drift, the offset in the middle of the record
-            offsets.append(float(np.mean(columns @ coefficients)))
-            rows.append(columns.shape[0])
-        variance = float(np.cov(offsets, fweights=rows, ddof=0)) if len(offsets) > 1 else 0.0
+        rows = [int(use.sum()) for use in self._data.use]
+        variance = float(np.cov(solution.nuisance, fweights=rows, ddof=0))
         mean_square = max(residual_square(normal, solution), 0.0) / normal.count
         return math.sqrt(mean_square + variance) / self._data.stroke
 
@@ -417,10 +412,7 @@ class _SpectrumFit:
     def _at_rows(self, columns: Array, section: RecordSection, rows: Rows) -> Array:
         """Columns, then their change by each lag and by the creep of the chain, side by side."""
         plain = filtered(columns, section, rows, self._bare)
-        lags = [
-            replace(self._bare, spectrum=lag, creep_per_decade=lag.rate_per_decade)
-            for lag in (CreepSpectrum(times=(float(t),), weights=(1.0,)) for t in self.times)
-        ]
+        lags = [self._bare.with_lag(float(t)) for t in self.times]
         changes = [filtered(columns, section, rows, c) - plain for c in (*lags, *self._creep)]
         return np.concatenate([plain, *changes], axis=1)
 

@@ -365,8 +365,8 @@ def _at_limits(chain: ChainValues, longest: float) -> tuple[str, ...]:
     if chain.creep_per_decade > 0.99 * _LARGEST_CREEP:
         notes.append(
             f"the creep reached its upper limit ({100 * _LARGEST_CREEP:g} % per decade): another "
-            "effect is mistaken for creep, such as a drift of the output (compare with --drift), a "
-            "slow sensor or noise of the input"
+            "effect is mistaken for creep, such as a drift of the output (compare with --zero "
+            "drift), a slow sensor or noise of the input"
         )
     return tuple(notes)
 

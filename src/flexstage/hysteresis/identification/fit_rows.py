@@ -141,6 +141,11 @@ class ChainValues:
         for name in ("delay", "creep_per_decade", "resonance_hz"):
             checked(getattr(self, name), f"{name} of a chain", "finite and not negative")
 
+    def with_lag(self, time: float) -> "ChainValues":
+        """Return the chain with one lag of unit weight, of a time constant [s], as its creep."""
+        lag = CreepSpectrum(times=(time,), weights=(1.0,))
+        return replace(self, spectrum=lag, creep_per_decade=lag.rate_per_decade)
+
     @property
     def creep(self) -> Creep:
         """The creep as an element of the chain."""

@@ -37,9 +37,7 @@ from flexstage.hysteresis.identification.model_choice import (
     Candidate,
     FittedModel,
     choose,
-    failed_candidate,
     fit_model,
-    invertibility_warning,
 )
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
@@ -126,7 +124,7 @@ def identify(
     names = selected_models(request.model)
     sources = [records] if isinstance(records, Record) else list(records)
     train = train_range(request.train, sources)
-    data = measurement(sources, input_column, output_column, drift=request.drift)
+    data = measurement(sources, input_column, output_column, zero=request.zero)
     progress.update("linear chain", 0.0)
     _data(data, ChainValues(), train)  # refuses a range with too few samples
     data, estimate = _chain_and_start(data, chain, train, resonance)
@@ -146,9 +144,8 @@ def identify(
         try:
             model_fits[name] = fit_model(fits()[name], fitted_rows, validate=train is None or still)
         except ModelError as error:
-            failed.append(
-                failed_candidate(fits()[name], f"it cannot be fitted to this record: {error}")
-            )
+            reason = f"it cannot be fitted to this record: {error}"
+            failed.append(Candidate(kind=name, size=fits()[name].size, failed=reason))
     if not model_fits:
         raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
     selected, candidates = choose(model_fits, fitted_rows)
@@ -158,7 +155,6 @@ def identify(
         request=request,
         records=tuple(record.source for record in sources),
         notes=tuple(sorted({note for record in sources for note in record.notes})),
-        warnings=(*result.warnings, *invertibility_warning(model_fits, candidates)),
         settings={**result.settings, "fitted": _fitted(sources, data, train)},
     )
     return result if request.temperature is None else _at(result, request.temperature)
@@ -335,13 +331,17 @@ def _chain(estimate: ChainEstimate) -> tuple[ParameterEstimate, ...]:
 
 def _drive_model(best: FittedModel, data: FitData) -> DriveModel:
     chain, rates = data.chain, data.rates_hz or (0.0, 0.0)
-    ends = [data.sign * s.y[s.warm_up :] for s in data.sections]
+    levels, offset = best.residuals.baseline, best.residuals.offset
+    ends = [
+        data.sign * (s.y - level + offset)[s.warm_up :]
+        for s, level in zip(data.sections, levels, strict=True)
+    ]
     return DriveModel(
         hysteresis=best.fit.model,
         creep=chain.creep if chain.creep_per_decade > 0.0 else None,
         modes=chain.modes,
         lag=chain.lag if chain.delay > 0.0 else None,
-        offset=data.sign * best.residuals.offset,
+        offset=data.sign * offset,
         sign=data.sign,
         input_unit=data.input_unit,
         output_unit=data.output_unit,
@@ -351,15 +351,16 @@ def _drive_model(best: FittedModel, data: FitData) -> DriveModel:
             rate_range_hz=(rates[0], rates[-1]),
         ),
         start=data.sections[0].start,
+        zero=data.zero,
     )
 
 
 def _predicted(best: FittedModel, data: FitData) -> tuple[Array, ...]:
     readings = []
-    for s in data.sections:
+    for s, level in zip(data.sections, best.residuals.baseline, strict=True):
         quasi = best.fit.model.simulate(s.u).values[:, None]
-        chain_output = filtered_samples(quasi, s, data.chain)[s.history :, 0]
-        readings.append(data.sign * (chain_output + best.residuals.offset))
+        output = filtered_samples(quasi, s, data.chain)[:, 0] + level
+        readings.append(data.sign * output[s.history :])
     return tuple(readings)
 
 

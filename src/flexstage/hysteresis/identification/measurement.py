@@ -25,6 +25,7 @@ from flexstage.hysteresis.identification.faults import (
     record_faults,
     without_spikes,
 )
+from flexstage.hysteresis.requests import Zero
 from flexstage.quantities.units import readable
 from flexstage.records import Channel, Record
 from flexstage.records.quality import difference_noise
@@ -55,8 +56,8 @@ class IdentificationData:
     """Quantities that the records do not determine, and missing experiments."""
     findings: tuple[RecordFault, ...] = ()
     """Faults: removed spikes, clipping, butterfly loops."""
-    drift: bool = False
-    """True if the last nuisance column is a drift."""
+    zero: Zero = "one"
+    """Zero of the output; with a drift, the last nuisance column is its rise over the record."""
 
     __repr__ = short_repr
 
@@ -79,7 +80,7 @@ def measurement(
     input_column: str | int,
     output_column: str | int,
     *,
-    drift: bool = False,
+    zero: Zero = "one",
 ) -> IdentificationData:
     """Prepare records for identification, after checking that they are suitable.
 
@@ -91,8 +92,8 @@ def measurement(
         The column that drives.
     output_column : str or int
         The column that follows.
-    drift : bool
-        Fit a drift of constant speed to each record, with the model.
+    zero : {"one", "each", "drift"}
+        Zero of the output; a drift of constant speed is fitted to each record, with the model.
 
     Returns
     -------
@@ -130,10 +131,9 @@ def measurement(
     ]
     sign = _sign(pairs)
     sections = tuple(
-        _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source) for r, i, o in pairs
+        _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source, zero)
+        for r, i, o in pairs
     )
-    if drift:
-        sections = tuple(_with_drift(s) for s in sections)
     _require_order(sections, pairs[0][1].name, pairs[0][2].name)
     stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
     data = IdentificationData(
@@ -143,7 +143,7 @@ def measurement(
         output_unit=pairs[0][2].unit,
         stroke=stroke,
         warnings=(),
-        drift=drift,
+        zero=zero,
     )
     findings = [
         record_faults(k, without_history(s), spikes, sign, (data.input_unit, data.output_unit))
@@ -155,12 +155,6 @@ def measurement(
         warnings=_warnings(data),
         findings=tuple(f for section_findings in findings for f in section_findings),
     )
-
-
-def _with_drift(section: RecordSection) -> RecordSection:
-    """Add a nuisance column that rises by 1 over the record."""
-    rise = np.linspace(0.0, 1.0, section.u.size)
-    return replace(section, nuisance=np.column_stack((section.nuisance, rise)))
 
 
 def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
@@ -227,7 +221,7 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
     return signs[0]
 
 
-def _section(u: Array, y: Array, dt: float, source: str) -> RecordSection:
+def _section(u: Array, y: Array, dt: float, source: str, zero: Zero) -> RecordSection:
     first = first_moving(u)
     u, y = u[first:], y[first:]
     measured = np.isfinite(y)
@@ -253,7 +247,8 @@ def _section(u: Array, y: Array, dt: float, source: str) -> RecordSection:
             dt=dt,
             cycles=moves,
             warm_up=warm_up(u, moves),
-            nuisance=np.ones((u.size, 1)),
+            # 1, and time over duration for a drift
+            nuisance=np.linspace(0.0, 1.0, u.size)[:, None] ** np.arange(1 + (zero == "drift")),
             noise=noise,
             input_noise=noise_removed,
             first=first,

@@ -1,12 +1,12 @@
 """Selection of one of the fitted models."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from flexstage.base.arrays import Array
-from flexstage.hysteresis.identification.model_fit import FitData, FitResult, ModelFit
+from flexstage.hysteresis.identification.model_fit import SAME, FitData, FitResult, ModelFit
 from flexstage.hysteresis.identification.residuals import (
     HeldOut,
     Residuals,
@@ -17,13 +17,12 @@ from flexstage.hysteresis.identification.residuals import (
     stretches_of,
 )
 
-#: A model with a residual more than this many times that of the best is worse than it; ...
-_SAME = 1.1
-#: ... models with residuals below this are equal [% of the stroke].
+#: Models with residuals below this are equal [% of the stroke].
 _NEGLIGIBLE = 1e-5
 #: A model with a held-out error above this has no predictive value [% of the stroke].
 _NO_PREDICTION = 100.0
 _DIVERGES = "it diverges: its held-out error exceeds the stroke"
+_NO_INVERSE = "it has no inverse: if none is needed, select it alone by --model"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,11 +33,11 @@ class Candidate:
     """Name of the model."""
     size: int
     """Number of its parameters."""
-    rms_percent: float | None
+    rms_percent: float | None = None
     """Rms error of the prediction on fitted samples, over the stroke [%]; None if it could not be
     fitted.
     """
-    heldout_rms_percent: float | None
+    heldout_rms_percent: float | None = None
     """The same on held-out cycles [%]."""
     heldout_free_rms_percent: float | None = None
     """The same, with the constant fitted to the held-out samples [%]."""
@@ -64,38 +63,6 @@ class FittedModel:
     def errors_percent(self, data: FitData) -> Array:
         """Return the errors of the prediction at the fitted rows, over the stroke [%]."""
         return np.concatenate(self.residuals.predicted_at(data.use)) * (100.0 / data.stroke)
-
-
-def invertibility_warning(
-    models: Mapping[str, FittedModel], candidates: Sequence[Candidate]
-) -> tuple[str, ...]:
-    """Name the models that predict better than the selected one, but have no inverse."""
-    score = {c.kind: c.heldout_rms_percent for c in candidates}
-    selected = score[candidates[0].kind]
-    if selected is None or not _invertible(models[candidates[0].kind]):
-        return ()
-    better = [
-        kind
-        for kind, error in score.items()
-        if error is not None and error < selected / _SAME and not _invertible(models[kind])
-    ]
-    if not better:
-        return ()
-    return (
-        f"{', '.join(better)} would predict better, but cannot be inverted: if the model need not "
-        "compute commands, select one by --model",
-    )
-
-
-def failed_candidate(method: ModelFit, reason: str) -> Candidate:
-    """Describe a model that could not be fitted."""
-    return Candidate(
-        kind=method.kind,
-        size=method.size,
-        rms_percent=None,
-        heldout_rms_percent=None,
-        failed=reason,
-    )
 
 
 def fit_model(method: ModelFit, data: FitData, *, validate: bool) -> FittedModel:
@@ -128,7 +95,7 @@ def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple
     close = [
         n
         for n in usable
-        if score[n] <= _SAME * score[best] + _NEGLIGIBLE
+        if score[n] <= SAME * score[best] + _NEGLIGIBLE
         and score[n] ** 2 - score[best] ** 2 <= scatter[n] + _NEGLIGIBLE**2
     ]
     selected = min(close, key=lambda n: (models[n].method.size, score[n]))
@@ -140,7 +107,7 @@ def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple
             rms_percent=rms[n],
             heldout_rms_percent=None if other is None else other.rms_percent,
             heldout_free_rms_percent=None if other is None else other.free_rms_percent,
-            failed=_DIVERGES if score[n] > _NO_PREDICTION else "",
+            failed=_DIVERGES if score[n] > _NO_PREDICTION else ("" if n in usable else _NO_INVERSE),
         )
         for n in order
         for other in [models[n].held_out]

@@ -19,6 +19,7 @@ from flexstage.hysteresis.identification.model_fit import (
     behind_chain,
     coarse,
     equations,
+    fitted_levels,
     residual,
 )
 from flexstage.hysteresis.identification.projection import Normal, Solution, residual_square, solve
@@ -324,15 +325,9 @@ class RefinedFit(ModelFit):
 
 def _residual(behind: list[Array], data: FitData) -> Array:
     """Residual of the output over the stroke, with the best offset."""
-    residuals = []
-    for c, s, r, use in zip(behind, data.sections, data.rows, data.use, strict=True):
-        at = r.at[use]
-        error = s.y[at] - c[use, 0]
-        coefficients = (
-            np.linalg.lstsq(s.nuisance[at], error, rcond=None)[0] if at.size else np.zeros(0)
-        )
-        residuals.append(error - s.nuisance[at] @ coefficients if at.size else error)
-    return np.concatenate(residuals) / data.stroke
+    errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(behind, data.sections, data.rows, strict=True)]
+    parts = zip(errors, fitted_levels(errors, data), data.rows, data.use, strict=True)
+    return np.concatenate([(e - level[r.at])[u] for e, level, r, u in parts]) / data.stroke
 
 
 def _step(
@@ -346,12 +341,9 @@ def _step(
     data: FitData,
 ) -> Array:
     """Return the parameters that the damped, linearised problem with bounds gives."""
-    free = np.isinf(low)
-    # z = (p - low) / scale for bounded parameters; free ones are counted from their present value
-    base = np.where(free, p, low)
-    z0 = (p - base) / scale
+    free, at = np.isinf(low), p / scale
     target = [
-        s.y[r.at] - c[:, 0] + j @ z0
+        s.y[r.at] - c[:, 0] + j @ at
         for s, r, c, j in zip(data.sections, data.rows, behind, J, strict=True)
     ]
     normal = equations(J, data.with_output(target))
@@ -359,13 +351,10 @@ def _step(
     gram = normal.gram.copy()
     gram[np.arange(p.size), np.arange(p.size)] += weight
     right = normal.right.copy()
-    right[: p.size] += weight * z0
-    if penalty is not None:
-        smoothing = penalty * normal.count * data.stroke**2
-        gram[: p.size, : p.size] += smoothing
-        right[: p.size] -= smoothing @ (base / scale)
-    solution: Solution = solve(replace(normal, gram=gram, right=right), free=free)
-    return base + scale * solution.coefficients
+    right[: p.size] += weight * at
+    smoothing = None if penalty is None else penalty * normal.count * data.stroke**2
+    damped, least = replace(normal, gram=gram, right=right), np.where(free, 0.0, low / scale)
+    return scale * solve(damped, free=free, smoothing=smoothing, least=least).coefficients
 
 
 def roughness(*groups: int) -> Array:

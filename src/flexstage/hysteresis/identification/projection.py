@@ -134,9 +134,13 @@ def residual_square(normal: Normal, solution: Solution) -> float:
 
 
 def solve(
-    normal: Normal, *, free: NDArray[np.bool_] | None = None, smoothing: Array | None = None
+    normal: Normal,
+    *,
+    free: NDArray[np.bool_] | None = None,
+    smoothing: Array | None = None,
+    least: Array | None = None,
 ) -> Solution:
-    """Minimise the sum of squares over coefficients that are not negative.
+    """Minimise the sum of squares over coefficients that are at least zero, or `least`.
 
     Free coefficients are eliminated first, then the rest is a problem of non-negative least squares
     (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, 1974, chapter 23), whose optimum is
@@ -147,10 +151,11 @@ def solve(
     gram = normal.gram.copy()
     if smoothing is not None:
         gram[:m, :m] += smoothing
+    least = np.zeros(m) if least is None else least
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    right = (normal.right - gram[:, :m] @ least) / scale
     gram /= scale
     gram /= scale[:, None]
-    right = normal.right / scale
     is_free = np.ones(gram.shape[0], dtype=bool)
     is_free[:m] = False if free is None else free
     x = np.zeros(gram.shape[0])
@@ -164,7 +169,7 @@ def solve(
         x[~is_free] = _non_negative(reduced, right[~is_free] - across.T @ free_part)
     x[is_free] = free_part - coupling @ x[~is_free]
     x /= scale
-    return Solution(coefficients=x[:m], nuisance=x[m:])
+    return Solution(coefficients=least + x[:m], nuisance=x[m:])
 
 
 def _non_negative(gram: Array, right: Array) -> Array:

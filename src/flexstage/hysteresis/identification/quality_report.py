@@ -12,6 +12,7 @@ from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.model_choice import FittedModel
 from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.residuals import free_constant
 from flexstage.quantities.units import readable
 
 #: Residual of a fitted model of a piezo drive: 0.1 to 2 % of the stroke, depending on the session.
@@ -110,6 +111,7 @@ def fit_warnings(
     """
     return (
         *_undetermined_chain(data, chain),
+        *_zero_of_each(best, data, settling),
         *data.warnings,
         *filter(None, (unknown_history_warning(data.sections),)),
         *(_no_motion(data) if held_out else ()),
@@ -133,6 +135,20 @@ def _undetermined_chain(m: IdentificationData, chain: ChainEstimate) -> tuple[st
         f"one rate only ({at}): lag, creep and hysteresis cannot be separated"
         f"{alone if names else ''}; record the same cycles at a second rate, ten times slower or "
         "faster",
+    )
+
+
+def _zero_of_each(best: FittedModel, data: FitData, settling: float) -> tuple[str, ...]:
+    """Warn of records whose constants differ by more than residual and earlier motion explain."""
+    errors = best.residuals.predicted_at(data.use)
+    apart = float(np.ptp([np.mean(e) for e in errors]))
+    if apart <= max(settling, float(np.max(np.abs(free_constant(errors))))):
+        return ()
+    return (
+        f"the constants of the records differ by {readable(data.output_unit, apart)} "
+        f"({100.0 * apart / data.stroke:.2g} % of the stroke), more than creep explains: if the "
+        "sensor has a zero of its own in each record (interferometer, encoder, AC coupling), give "
+        "--zero each; otherwise its zero has moved",
     )
 
 
@@ -181,8 +197,8 @@ def _unusual_creep(chain: ChainEstimate, data: FitData) -> tuple[str, ...]:
         return ()
     return (
         f"creep of {100.0 * creep:.2g} % per decade is more than that of piezo drives (1 to 3 %): "
-        "a drift of the output (compare with --drift), a shift of its baseline or a slow sensor "
-        "may be mistaken for creep",
+        "a drift of the output (compare with --zero drift), a shift of its baseline or a slow "
+        "sensor may be mistaken for creep",
     )
 
 

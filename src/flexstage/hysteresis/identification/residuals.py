@@ -15,6 +15,7 @@ from flexstage.hysteresis.identification.model_fit import (
     FitResult,
     ModelFit,
     behind_chain,
+    fitted_levels,
     folds_of,
 )
 from flexstage.hysteresis.model import HysteresisModel
@@ -52,9 +53,11 @@ class Residuals:
     """Residuals of a model at the rows of each section."""
 
     of_prediction: tuple[Array, ...]
-    """Output less the prediction of the model with the one common offset, shape (r,)."""
-    nuisance: tuple[Array, ...]
-    """Coefficients of the nuisance columns of each section: the offset first."""
+    """Output less model and baseline, shape (r,)."""
+    baseline: tuple[Array, ...]
+    """The common offset at every sample of each section, or the section's own nuisance columns if
+    each record has its zero, shape (n,).
+    """
     offset: float
     """The common offset: mean of the fitted nuisance columns over the rows in use."""
 
@@ -69,29 +72,20 @@ class Residuals:
 def residuals(model: HysteresisModel, data: FitData) -> Residuals:
     """Compare a model behind the chain with the output.
 
-    The nuisance columns are fitted to the rows in use alone; errors are of all rows.
+    The nuisance columns are fitted to the rows in use alone, or to all rows of a section without
+    any; errors are of all rows.
     """
     sections = data.sections
     outputs = behind_chain([model.simulate(s.u).values[:, None] for s in sections], data)
     errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(outputs, sections, data.rows, strict=True)]
-    fitted, level, nuisance = [], [], []
-    for error, s, r, use in zip(errors, sections, data.rows, data.use, strict=True):
-        columns = s.nuisance[r.at]
-        used = use if use.any() else np.ones_like(use)
-        coefficients = np.linalg.lstsq(columns[used], error[used], rcond=None)[0]
-        fitted.append(columns @ coefficients)
-        level.append(np.full(int(use.sum()), float(np.mean(columns[used] @ coefficients))))
-        nuisance.append(coefficients)
-    offset = float(np.mean(np.concatenate(level)))
-    return Residuals(
-        # a drift that was fitted with the model is the record's: only its mean is predicted
-        of_prediction=tuple(
-            e - n + (np.mean(n[u]) if u.any() else np.mean(n)) - offset
-            for e, n, u in zip(errors, fitted, data.use, strict=True)
-        ),
-        nuisance=tuple(nuisance),
-        offset=offset,
+    levels = fitted_levels(errors, data)
+    every = [level[r.at[u]] for level, r, u in zip(levels, data.rows, data.use, strict=True)]
+    offset = float(np.mean(np.concatenate(every)))
+    baseline = [np.full(s.u.size, offset) for s in sections] if data.zero == "one" else levels
+    of_prediction = tuple(
+        e - level[r.at] for e, level, r in zip(errors, baseline, data.rows, strict=True)
     )
+    return Residuals(of_prediction=of_prediction, baseline=tuple(baseline), offset=offset)
 
 
 def free_constant(errors: Sequence[Array]) -> Array:
@@ -264,6 +258,8 @@ def estimates(
         ParameterEstimate(name=n, value=float(v), standard_error=float(e))
         for n, v, e in zip(values, now, error, strict=True)
     )
+    if data.zero != "one":
+        offset = replace(offset, standard_error=math.inf)
     named = tuple(e for e in parameters if 0.0 < e.standard_error < math.inf)
     warnings = tuple(
         f"the record does not determine {e.name}: {e.value:.3g} with a standard error of "

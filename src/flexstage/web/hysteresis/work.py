@@ -22,7 +22,7 @@ from flexstage.hysteresis import (
     read_model_file,
 )
 from flexstage.hysteresis.chain.creep import Start
-from flexstage.hysteresis.drive_model import DriveModel, in_unit_of_model, lowest_reading
+from flexstage.hysteresis.drive_model import DriveModel, requested_readings
 from flexstage.hysteresis.identification.identify import identified_file
 from flexstage.hysteresis.inversion import (
     command_of_request,
@@ -279,11 +279,9 @@ def _from_file(drive: DriveModel, motion: DesiredMotion) -> tuple[Array, float, 
     (record,) = read_files(
         [Path(selection.files[0])], [column], options=selection.options, even=True
     )
-    channel = record.channel(column)
-    values, note = in_unit_of_model(channel.values, channel.unit, drive.output_unit, "reference")
-    zero = lowest_reading(drive) if motion.request.relative else 0.0
-    notes = (*((note,) if note else ()), *record.notes)
-    return values + zero, 1.0 / record.sample_rate_hz, notes
+    channel, relative = record.channel(column), motion.request.relative
+    values, notes = requested_readings(drive, channel, relative=relative)
+    return values, 1.0 / record.sample_rate_hz, (*notes, *record.notes)
 
 
 def waveform(feedforward: Feedforward, drive: DriveModel, format: str) -> bytes:

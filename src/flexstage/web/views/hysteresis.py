@@ -304,9 +304,10 @@ class HysteresisView:
                 self._field("train", "400:5000")
                 for name, example in _KNOWN_FIELDS.items():
                     self._field(name, example)
-            ui.checkbox("Drift: also fit a linear drift", value=options.drift).on_value_change(
-                lambda event: self._set("drift", bool(event.value))
-            )
+            zero = request_fields(IdentifyRequest)["zero"]
+            ui.select(list(zero.words), label=zero.label, value=options.zero).props(
+                _ENTRY
+            ).on_value_change(lambda event: self._set("zero", event.value))
 
     def _field(self, name: str, example: str) -> None:
         owner = self._state.options.known if name in _KNOWN_FIELDS else self._state.options

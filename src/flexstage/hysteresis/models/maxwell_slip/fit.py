@@ -12,6 +12,7 @@ from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, roughn
 from flexstage.hysteresis.models.maxwell_slip.law import GeneralisedMaxwellSlip
 from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii.fit import (
+    FLATTEST,
     PLAYS,
     PrandtlIshlinskiiFit,
     interior_kinks,
@@ -22,8 +23,6 @@ from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 _KINKS = 6
 #: Weight of the penalty on second differences.
 _SMOOTHING = 3e-4
-#: Smallest slope after a turn of the plays that the search begins with, over the mean slope.
-_FLATTEST = 0.05
 
 
 class GeneralisedMaxwellSlipFit(RefinedFit):
@@ -82,7 +81,7 @@ class GeneralisedMaxwellSlipFit(RefinedFit):
             kinks = interior_kinks(data, plays, _KINKS)
             # plays that stand still after a turn, as where noise of the input or a delay blunts
             # it, have no inverse; some slope there is enough to begin with
-            least = _FLATTEST * data.stroke / data.input_scale
+            least = FLATTEST * data.stroke / data.input_scale
             start = replace(plays, gain=max(plays.gain, least))
             gain, thresholds, weights = start.inverse_plays()
             # a play is the displacement less a stop, so that negative plays are stops and a spring

@@ -11,6 +11,7 @@ from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, roughn
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii.fit import (
+    FLATTEST,
     PLAYS,
     PrandtlIshlinskiiFit,
     interior_kinks,
@@ -19,8 +20,6 @@ from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 
 #: Places where the line behind the plays may bend.
 _KINKS = 8
-#: Smallest slope of the line behind the plays, over the mean slope: it must be invertible.
-_FLATTEST = 0.05
 #: Weight of the penalty on second differences.
 _SMOOTHING = 3e-4
 
@@ -44,7 +43,7 @@ class ModifiedPrandtlIshlinskiiFit(RefinedFit):
         slope = data.stroke / data.input_scale
         low = np.zeros(2 + PLAYS + _KINKS)
         low[0] = 1e-3 * slope
-        low[1 + PLAYS :] = _FLATTEST
+        low[1 + PLAYS :] = FLATTEST
         scale = np.full(low.size, slope)
         scale[1 + PLAYS :] = 1.0
         return low, scale

@@ -12,6 +12,9 @@ from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 
 #: Number of plays.
 PLAYS = 20
+#: Smallest slope, over the mean slope, of plays that other fits begin with, and of a line behind
+#: plays: both must have an inverse.
+FLATTEST = 0.05
 
 
 def _thresholds(data: FitData) -> Array:

@@ -37,6 +37,7 @@ class PreisachFit(LinearFit):
     ) -> None:
         self._thresholds, self._means, self._given = thresholds, means, smoothing
         self.size = thresholds * means
+        self.floored = means  # those of threshold zero
 
     def _grid(self, data: FitData) -> tuple[Array, Array]:
         low, high = data.input_range
