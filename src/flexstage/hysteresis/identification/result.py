@@ -177,7 +177,7 @@ class Identification(Result):
             },
             "offset": {
                 "value": m.offset,
-                "standard_error": self.offset.standard_error,
+                "standard_error": plain(self.offset.standard_error),
                 "unit": m.output_unit,
             },
             "sign": m.sign,
