@@ -185,6 +185,23 @@ def test_standard_errors_cover_the_truth():
     assert np.mean(inside) < 1.0
 
 
+def test_errors_of_parameters_include_those_of_the_chain():
+    """An error of the creep changes the parameters as a fit behind that creep does."""
+    u = drive(900, dt=0.02)
+    method = fits()["bouc-wen"]
+    data = whole(measurement([record(u, noisy(BOUC_WEN, u, 1), 0.02)], "u", "y"))
+    fit = method.fit(data, np.array([0.5, 0.2]))
+    left, validation = residuals(fit.model, data), cross_validate(method, data, fit.search)
+    alone, *_ = estimates(method, fit, data, left, validation, {"delay": 0.0})
+    both, *_ = estimates(method, fit, data, left, validation, {"creep_per_decade": 0.01})
+    behind = fit_data(data.measurement, ChainValues(creep_per_decade=0.01))
+    other = method.fit(behind, fit.search).model
+    for one, wider in zip(alone, both, strict=True):
+        change = getattr(other, one.name) - one.value
+        assert abs(change) > 0.5 * one.standard_error
+        assert wider.standard_error == pytest.approx(np.hypot(one.standard_error, change), rel=0.05)
+
+
 # ------------------------------------------------------------------------------- the linear chain
 
 
