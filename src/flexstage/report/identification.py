@@ -52,7 +52,7 @@ def prediction_in_words(prediction: Prediction, model: DriveModel) -> list[str]:
         f"{prediction.constant_percent:+.2f} % of it; the first {prediction.warm_up} of "
         f"{prediction.time.size} samples are not counted"
     ]
-    if model.creep is not None:
+    if model.creep is not None and prediction.starts:
         lines.append(f"assumed history: the drive {start_in_words(*prediction.starts)}")
     return lines
 
