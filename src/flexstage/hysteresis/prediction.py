@@ -333,7 +333,9 @@ def _earlier(
     """Return the records in a state before another one; none for other states."""
     if isinstance(after, Record):
         return [after]
-    if isinstance(after, Sequence) and not isinstance(after, str):
+    if isinstance(after, (str, float, int)):
+        require_after(after, "auto", "rest")
+    elif isinstance(after, Sequence):
         return list(after)
     return read_files(earlier_files(after), columns, options=replace(options, rows=None), even=True)
 
@@ -375,11 +377,9 @@ def _possible_starts(
     """
     if isinstance(after, DriveState):
         return (), *model.response(u, dt, after)
-    assert isinstance(after, (str, float, int))
-    require_after(after, "auto", "rest")
     starts = _STARTS if model.creep is not None else _STARTS[:1]
     if after != "auto":
-        starts = ("rested" if isinstance(after, str) else after,)
+        starts = (after if isinstance(after, (float, int)) else "rested",)
     responses = [model.response(u, dt, model.before(s)) for s in starts]
     if rows.stop == 0:
         return starts, *responses[0]
