@@ -336,6 +336,11 @@ def test_creep_of_a_known_history_goes_on() -> None:
         rms[known is None] = evaluate_run(wanted, "x", y[made.lead_in.size :]).total.rms
         if known is not None:
             assert made.predicted["x"] == pytest.approx(y[made.lead_in.size - 1], abs=1e-15)
+            # and the next motion continues with what this one left
+            again = compensate({"x": own}, wanted, periods=3, after=made.after)
+            then = np.concatenate((again.lead_in.values["x"], again.voltage.values["x"]))
+            y_then = own.response(np.append(u, then), 1.0 / RATE, state)[0][-3 * wanted.size :]
+            assert evaluate_run(wanted, "x", y_then).total.rms < 1e-9
     # known: the way to the first voltage is found in three rounds; else 1.3 % a decade of 40 um
     assert rms[False] < 1e-9
     assert rms[True] > 3e-8
