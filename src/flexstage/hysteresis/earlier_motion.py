@@ -68,8 +68,9 @@ def state_after(
     for (record, commands), after in zip(earlier, later, strict=True):
         if model.beyond(commands) > _SAME_DRIVE:
             raise RecordError(
-                f"{_name(record)} is of another drive or unit: {model.outside(commands)}; give a "
-                f"record of the same drive, within {100.0 * _SAME_DRIVE:.0f} % of the range"
+                f"{_name(record)} is of another drive or unit: "
+                f"{model.outside(commands).partition(': ')[0]}; give a record of the same drive, "
+                f"within {100.0 * _SAME_DRIVE:.0f} % of the range"
             )
         pause, why = _pause(record, after)
         state = model.response(commands, 1.0 / record.sample_rate_hz, state)[1]

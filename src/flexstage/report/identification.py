@@ -47,10 +47,13 @@ def predictions_table(predictions: Sequence[Prediction], caption: str = "") -> T
 def prediction_in_words(prediction: Prediction, model: DriveModel) -> list[str]:
     """Return sentences on the record of a prediction."""
     stroke = readable(model.output_unit or "output", prediction.stroke, digits=4)
+    size, omitted = prediction.time.size, prediction.warm_up
+    counted = (
+        f"the first {omitted} of {size} samples are not" if omitted else f"all {size} samples are"
+    )
     lines = [
         f"{Path(prediction.source).name or 'record'}: stroke {stroke}; mean error "
-        f"{prediction.constant_percent:+.2f} % of it; the first {prediction.warm_up} of "
-        f"{prediction.time.size} samples are not counted"
+        f"{prediction.constant_percent:+.2f} % of it; {counted} counted"
     ]
     if model.creep is not None and prediction.starts:
         lines.append(f"assumed history: the drive {start_in_words(*prediction.starts)}")
