@@ -159,6 +159,15 @@ def test_a_part_of_the_same_file_follows_the_rows_before_it() -> None:
         predict(model, whole, "u", "y", after=whole)
 
 
+def test_the_record_before_may_be_a_drive_at_rest() -> None:
+    model, u = drive(creep=CREEP), walk()
+    u[:CUT] = 63.0
+    y = model.simulate(u, DT, start="rested")
+    first, second = pieces(u, y, CUT)
+    told = predict(model, second, "u", "y", after=first)
+    assert np.abs(told.predicted - y[CUT:]).max() < 1e-12 * np.ptp(y)
+
+
 def test_records_that_cannot_be_before_are_refused() -> None:
     model, u = drive(), walk()
     y = model.simulate(u, DT)
@@ -172,5 +181,7 @@ def test_records_that_cannot_be_before_are_refused() -> None:
     two = replace(first, channels=(first.channels[0], replace(first.channels[0], name="monitor")))
     with pytest.raises(RecordError, match=r"2 columns in V.*call the column .*'command \(V\)'"):
         after_commands(model, [two], second)
+    with pytest.raises(RecordError, match="not evenly spaced"):
+        predict(model, second, "u", "y", after=replace(first, time=first.time**1.1 - 9.0))
     with pytest.raises(ModelError, match="rested is called rest"):
         predict(model, second, "u", "y", after="rested")

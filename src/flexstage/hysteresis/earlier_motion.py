@@ -11,6 +11,7 @@ from flexstage.hysteresis.drive_model import DriveModel, DriveState
 from flexstage.hysteresis.model import Array
 from flexstage.quantities.units import readable
 from flexstage.records import Record
+from flexstage.records.sampling import require_uniform
 
 #: Largest excess of the commands of the same drive over the range of its model, over that range.
 _SAME_DRIVE = 0.1
@@ -66,6 +67,7 @@ def state_after(
     state, notes = before, []
     later = (*(record for record, _ in earlier[1:]), following)
     for (record, commands), after in zip(earlier, later, strict=True):
+        require_uniform(record)
         if model.beyond(commands) > _SAME_DRIVE:
             raise RecordError(
                 f"{_name(record)} is of another drive or unit: "

@@ -42,6 +42,10 @@ _STARTS: tuple[Start, ...] = (math.inf, *np.geomspace(1000.0, 1.0, 19).tolist(),
 _EQUAL = 1.01
 #: Fewest samples of a warm-up for an estimate of the start.
 _FEWEST_SAMPLES = 20
+_NO_CYCLE = (
+    "the record has no complete cycle: its initial memory is assumed to be that of cycles over the "
+    "full range, and every sample is counted"
+)
 #: Errors over all records.
 _ERRORS = "as_predicted_rms_percent", "free_constant_rms_percent"
 
@@ -258,14 +262,10 @@ def predict(
             f"column '{output_channel.name}' of {record.source or 'the record'} is constant after "
             f"the first {begin} samples, which are not counted: give a longer record"
         )
-    early = unknown_history_warning(
-        [(u[first:], moves, dt, begin - first, first * dt)] if has_cycle and not is_known else []
-    )
-    if not has_cycle and not is_known:
-        early = (
-            "the record has no complete cycle: its initial memory is assumed to be that of cycles "
-            "over the full range, and every sample is counted"
-        )
+    early = "" if is_known or has_cycle else _NO_CYCLE
+    if has_cycle and not is_known:
+        parts = [(u[first:], moves, dt, begin - first, first * dt)]
+        early = unknown_history_warning(parts)
     percent = 100.0 / stroke
     error = (y - predicted) * percent
     counted = error[begin:][np.isfinite(error[begin:])]
