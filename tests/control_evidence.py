@@ -30,7 +30,7 @@ from flexstage.control import (
 from flexstage.control.feedforward import conditioning_waveform
 from flexstage.control.tracking_run import RunTracking, evaluate_run
 from flexstage.control.two_degree_of_freedom import ControlRun
-from flexstage.hysteresis import DriveModel, excitation, identify
+from flexstage.hysteresis import DriveModel, DriveState, excitation, identify
 from flexstage.instruments.protocol import Waveform
 from flexstage.records import Channel, Record
 from flexstage.stage.designs import design
@@ -88,10 +88,10 @@ class Bench:
         self.told.append(block.command[self.number, :: int(RATE_HZ) // 1000])
         return block
 
-    def history(self) -> Waveform:
-        """Return all voltages since the stage had rested."""
-        told = np.concatenate(self.told)
-        return Waveform(values={self.axis: told}, sample_rate_hz=1e3, quantity="voltage")
+    def state(self) -> DriveState:
+        """Return the state of the drive after all voltages since the stage had rested."""
+        rest = DriveState(hysteresis=self.model.hysteresis.initial_state())
+        return self.model.response(np.concatenate(([0.0], *self.told)), 1e-3, rest)[1]
 
     def closed_loop(self, target: Array, feedforward: Array | None = None) -> StageSamples:
         command = np.zeros((len(self.stage.axes), target.size))
@@ -196,7 +196,8 @@ def feedforward_figures(own: Bench) -> dict[str, float]:
     own.open_loop(np.zeros(2 * int(RATE_HZ)))
     blind = control_run("feedforward", wanted, periods=3, models=models, limits=limits)
     plain = compensate(models, wanted, periods=blind.periods, limits=limits)
-    known = compensate(models, wanted, periods=blind.periods, limits=limits, history=own.history())
+    after = {axis: own.state()}
+    known = compensate(models, wanted, periods=blind.periods, limits=limits, after=after)
     made = own.errors(replace(blind, waveform=known.voltage, lead_in=known.lead_in))
     assert blind.lead_in is not None
     lead_in = blind.lead_in.values[axis]

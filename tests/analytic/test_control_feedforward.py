@@ -19,6 +19,7 @@ from flexstage.control.tracking_run import evaluate_run
 from flexstage.control.trajectory import delayed
 from flexstage.hysteresis import (
     DriveModel,
+    DriveState,
     Duhem,
     Lag,
     LogCreep,
@@ -321,21 +322,25 @@ def test_what_is_undone_ends_at_the_band() -> None:
 def test_creep_of_a_known_history_goes_on() -> None:
     own = drive(modes=None, lag=None)
     before = 80.0 - 30.0 * np.cos(2 * np.pi * np.arange(9000) / 3000.0)
-    history = Waveform(values={"x": before}, sample_rate_hz=300.0, quantity="voltage")
     wanted = sine("x", 9e-6, 47e-6, 2.0, sample_rate_hz=RATE)
     creep = own.creep
     assert creep is not None
-    first = own.hysteresis.simulate(before)
-    crept = creep.simulate(first.values, 1.0 / 300.0, creep.settled(0.0, 1.0 / 300.0))
+    rest = DriveState(hysteresis=own.hysteresis.initial_state(), creep=creep.settled(0.0, 1.0))
+    _, state = own.response(before, 1.0 / 300.0, rest)
     rms = {}
-    for known in (history, None):
-        made = compensate({"x": own}, wanted, periods=3, history=known)
+    for known in ({"x": state}, None):
+        made = compensate({"x": own}, wanted, periods=3, after=known)
         u = np.concatenate((made.lead_in.values["x"], made.voltage.values["x"]))
-        x = own.hysteresis.simulate(u, first.state).values
-        y = own.offset + creep.simulate(x, 1.0 / RATE, crept.state).values
+        x = own.hysteresis.simulate(u, state.hysteresis).values
+        y = own.offset + creep.simulate(x, 1.0 / RATE, state.creep).values
         rms[known is None] = evaluate_run(wanted, "x", y[made.lead_in.size :]).total.rms
         if known is not None:
             assert made.predicted["x"] == pytest.approx(y[made.lead_in.size - 1], abs=1e-15)
+            # and the next motion continues with what this one left
+            again = compensate({"x": own}, wanted, periods=3, after=made.after)
+            then = np.concatenate((again.lead_in.values["x"], again.voltage.values["x"]))
+            y_then = own.response(np.append(u, then), 1.0 / RATE, state)[0][-3 * wanted.size :]
+            assert evaluate_run(wanted, "x", y_then).total.rms < 1e-9
     # known: the way to the first voltage is found in three rounds; else 1.3 % a decade of 40 um
     assert rms[False] < 1e-9
     assert rms[True] > 3e-8

@@ -22,7 +22,7 @@ from flexstage.hysteresis import (
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+from flexstage.hysteresis.drive_model import DriveModel, DriveState, ValidityRange
 from flexstage.hysteresis.inversion import feedforward, smoothed
 from flexstage.hysteresis.loops import loop_branches, loop_width, tracking
 from flexstage.virtual.stack import virtual_stack
@@ -112,7 +112,7 @@ def test_the_inverse_tracks_its_own_model(kind, chain):
     assert made.limited == 0
     assert np.ptp(made.command) > 30.0
     # the prediction is made again, forwards, by the caller's means
-    again = drive.simulate(made.command, DT, made.start)
+    again, _ = drive.response(made.command, DT, made.before)
     assert np.array_equal(again, made.predicted)
     span = float(np.ptp(wanted))
     error = np.abs(again - made.reference).max() / span
@@ -128,7 +128,7 @@ def test_the_inverse_tracks_its_own_model(kind, chain):
     straight = (
         (wanted - drive.offset) / drive.sign / np.ptp(EACH[kind].simulate([HIGH, LOW]).values)
     )
-    naive = drive.simulate(LOW + straight * (HIGH - LOW), DT, made.start)
+    naive, _ = drive.response(LOW + straight * (HIGH - LOW), DT, made.before)
     assert np.abs(naive - wanted).max() / span > 0.02
 
 
@@ -138,9 +138,9 @@ def test_creep_begins_as_the_drive_was_before(chain, before):
     drive = drive_of("preisach", **CHAINS[chain])
     wanted = reference_within(drive)
     limits = (LOW - 60.0, HIGH + 60.0)
-    made = feedforward(drive, wanted, DT, limits=limits, start=before)
+    made = feedforward(drive, wanted, DT, limits=limits, after=drive.before(before))
     assert made.limited == 0
-    again = drive.simulate(made.command, DT, made.start, start=before)
+    again = drive.simulate(made.command, DT, start=before)
     assert np.abs(again - wanted).max() < 1e-9 * np.ptp(wanted)
     # a drive that says so itself needs no word
     own = feedforward(replace(drive, start=before), wanted, DT, limits=limits)
@@ -218,9 +218,7 @@ def test_a_motion_that_repeats_is_followed_without_smoothing(kind, chain):
     error = made.predicted[late] - np.tile(wanted, 7)[late]
     # a straight line between samples is not the sine that harmonics are undone for
     assert np.abs(error).max() < 1e-3 * np.ptp(wanted)
-    np.testing.assert_array_equal(
-        made.predicted, drive.simulate(made.command, DT, made.start, start=drive.start)
-    )
+    np.testing.assert_array_equal(made.predicted, drive.response(made.command, DT, made.before)[0])
 
 
 def test_harmonics_above_the_band_are_left_out_and_told():
@@ -241,7 +239,7 @@ def test_an_endless_repetition_repeats(kind, chain):
     made = feedforward(drive, wanted, DT, periods=0, limits=(0.0, 120.0))
     assert made.limited == 0
     np.testing.assert_allclose(made.predicted, wanted, rtol=0.0, atol=1e-8 * np.ptp(wanted))
-    x = drive.hysteresis.simulate(np.tile(made.command, 30), made.start).values
+    x = drive.hysteresis.simulate(np.tile(made.command, 30), made.before.hysteresis).values
     one, other = x[-500:-250], x[-250:]
     np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8 * np.ptp(other))
     slow = feedforward(drive, wanted, DT, periods=0, limits=(0.0, 120.0), largest_rate=400.0)
@@ -331,7 +329,8 @@ def test_out_of_reach_is_refused_with_the_range():
         ({"periods": 2, "band_hz": -3.0}, "the band must be positive"),
         ({"band_hz": 1e-9}, "too low for a sequence of 3 s"),
         ({"limits": (math.nan, 5.0)}, "must rise"),
-        ({"state": [1.0]}, "a state of dahl"),
+        ({"after": DriveState(hysteresis=np.ones(1))}, "a state of dahl"),
+        ({"after": "rested"}, "rested is called rest"),
         ({"reference": [0.0, math.nan]}, "must be finite"),
         ({"reference": []}, "sequence of numbers"),
     ],
@@ -348,7 +347,7 @@ def test_models_without_range_or_inverse_say_so():
     with pytest.raises(ModelError, match="validity range"):
         feedforward(bare, np.linspace(0.0, 1e-5, 9), DT)
     with pytest.raises(ModelError, match="limits of the command"):
-        feedforward(bare, np.linspace(0.0, 1e-5, 9), DT, state=EACH["dahl"].initial_state())
+        feedforward(bare, np.linspace(0.0, 1e-5, 9), DT, after="rest")
     stack = DriveModel(
         hysteresis=virtual_stack((0.0, 120.0), 38e-6, 0.11),
         validity=ValidityRange(

@@ -52,7 +52,7 @@ def test_a_constant_is_in_the_error_as_predicted_and_not_beside_it():
     u = drive()
     y = MODEL.simulate(u, DT, start=math.inf)
     noise = np.random.default_rng(4).normal(0.0, 2e-8, u.size)
-    found = predict(MODEL, record(u, y + noise + 3e-7), "u", "y", start=math.inf)
+    found = predict(MODEL, record(u, y + noise + 3e-7), "u", "y", after=math.inf)
     percent = 100.0 / found.stroke
     assert found.constant_percent == pytest.approx(3e-7 * percent, rel=0.01)
     assert found.free_constant_rms_percent == pytest.approx(2e-8 * percent, rel=0.05)
@@ -120,9 +120,9 @@ def test_loops_that_grow_are_counted_before_both_ends_were_reached_and_this_is_s
 def test_samples_of_the_warm_up_are_not_counted():
     u = drive()
     y = MODEL.simulate(u, DT, start=math.inf)
-    plain = predict(MODEL, record(u, y), "u", "y", start=math.inf)
+    plain = predict(MODEL, record(u, y), "u", "y", after=math.inf)
     y[: plain.warm_up] += 4e-6
-    found = predict(MODEL, record(u, y), "u", "y", start=math.inf)
+    found = predict(MODEL, record(u, y), "u", "y", after=math.inf)
     assert found.warm_up == plain.warm_up > 0
     for name in ("as_predicted_rms_percent", "constant_percent", "largest_percent"):
         assert getattr(found, name) == pytest.approx(0.0, abs=1e-9)
@@ -146,9 +146,9 @@ def test_starts_that_predict_alike_are_all_named():
     # it begins at the low end: to have rested there, or just left it, is the same
     rested = predict(MODEL, record(u, MODEL.simulate(u, DT, start="rested")), "u", "y")
     assert set(rested.starts) == {0.0, "rested"}
-    told = predict(MODEL, record(u, y), "u", "y", start=30.0)
+    told = predict(MODEL, record(u, y), "u", "y", after=30.0)
     assert told.starts == (30.0,)
-    assert told.start == 30.0
+    assert told.data()["start"] == 30.0
     long = predict(MODEL, record(u, y), "u", "y")
-    assert long.start == math.inf
+    assert long.starts[0] == math.inf
     assert "rested" not in long.starts

@@ -22,6 +22,7 @@ from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.result import Identification
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import loop_width
+from flexstage.hysteresis.prediction import predict
 from flexstage.records import Record, read_record
 from tests.shared_data import DATA, needs
 
@@ -120,6 +121,25 @@ def test_the_other_half_was_held_out(model: str, fitted: int) -> None:
     assert found.heldout_rms_percent < 1.2 * found.heldout_free_rms_percent
 
 
+def test_stretches_of_the_other_half_with_the_memory_of_what_came_before() -> None:
+    found, whole = _identified("preisach", _first_half()), _record()
+    names, percent = {"0": "V", "4": "um"}, 100.0 / found.stroke
+    left: dict[str, list[float]] = {"alone": [], "after": []}
+    for first in (7120, 7450, 8480, 9700, 10_050, 11_100, 11_300, 12_100):
+        rows = first, first + 400
+        part = read_record(FILE, sample_rate=200.0, units=names, rows=rows)
+        alone = predict(found.model, part, "0", "4")
+        after = predict(found.model, part, "0", "4", after=whole)
+        assert after.warm_up == 0
+        for name, p in (("alone", alone), ("after", after)):
+            left[name].append(percent * float(np.sqrt(np.mean((p.measured - p.predicted) ** 2))))
+    # every sample is counted, also before both ends of the range were reached
+    assert max(left["after"]) < 0.5
+    assert np.median(left["after"]) < 0.40
+    assert np.median(left["alone"]) > 1.3 * np.median(left["after"])
+    assert max(left["alone"]) > 2.0
+
+
 def test_the_loop_of_the_inverse_is_narrow() -> None:
     found = _identified("preisach", BEFORE_THE_LAST)
     section = found.measurement.sections[0]
@@ -154,8 +174,8 @@ def test_the_inverse_has_the_right_mean(model: str) -> None:
     bounds = found.measurement.sections[0].cycles.bounds
     # from the beginning on, as the model knows it; and the second half alone, when the stack has
     # moved for half the record since it stood at its low end
-    for first, start in ((0, None), (half, half * dt)):
-        made = feedforward(found.model, measured[first:], dt, limits=LIMITS, start=start)
+    for first, after in ((0, "conditioned"), (half, half * dt)):
+        made = feedforward(found.model, measured[first:], dt, limits=LIMITS, after=after)
         assert made.limited == 0  # the stack has just been there
         error = found.stroke / np.ptp(voltage) * (made.command - voltage[first:])
         # whole cycles that the model was not fitted to, the first two left out
@@ -165,8 +185,8 @@ def test_the_inverse_has_the_right_mean(model: str) -> None:
         assert _rms(counted) < 0.01 * found.stroke
         before = loop_width(voltage[first:], measured[first:], own[2:])
         gain = found.stroke / np.ptp(voltage)
-        after = loop_width(voltage[first:], gain * made.command, own[2:])
-        assert 1.0 - after / before >= NARROWER[model]
+        narrow = loop_width(voltage[first:], gain * made.command, own[2:])
+        assert 1.0 - narrow / before >= NARROWER[model]
 
 
 def test_beside_the_published_inverse() -> None:

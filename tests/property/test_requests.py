@@ -62,7 +62,7 @@ EXAMPLES: tuple[Request, ...] = (
         reading=ReadOptions(rows=(3, 70)),
     ),
     CompensateRequest(
-        relative=True, voltage=(-3.0, 117.5), start=7.5,
+        relative=True, voltage=(-3.0, 117.5), after=7.5,
         amplifier=AmplifierLimits(current=0.05, capacitance=6.4e-6),
     ),
     DriveColumns(input=("1 mV",), branches=("up, raw", "down")),
@@ -79,7 +79,7 @@ EXAMPLES: tuple[Request, ...] = (
         temperature=(294.5, 296.0), zero="drift",
     ),
     OptimiseRequest(maximise=("mass",), over=("neck=20 %",), start="middle", confirm="plane"),
-    PredictRequest(start=32.5),
+    PredictRequest(after="walk 1.csv,walk 2.csv"),
     ReadOptions(
         sample_rate=(200.0, 12.5), time="t", resample=(None,),
         text=TextLayout(skip=2, delimiter="\t", decimal=","),

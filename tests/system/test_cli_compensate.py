@@ -137,11 +137,29 @@ def test_a_relative_reference_starts_at_the_lowest_reading(capsys, tmp_path, mod
     )
     assert relative["command_range"] == pytest.approx(absolute["command_range"], rel=1e-9)
     rest = run(
-        capsys, "compensate", model_file, "--reference", tmp_path / "a.txt", *words, "--start",
+        capsys, "compensate", model_file, "--reference", tmp_path / "a.txt", *words, "--after",
         "rest",
     )  # fmt: skip
     assert rest[0] == 0
     assert json.loads(rest[1])["command_range"] != absolute["command_range"]
+
+
+def test_a_reference_in_two_files_needs_the_command_of_one(capsys, tmp_path, model_file):
+    for name, rows in (("one", slice(None)), ("first", slice(1150)), ("second", slice(1150, None))):
+        np.savetxt(tmp_path / f"{name}.csv", reference()[rows], header="wanted (um)", comments="")
+    commands = {}
+    for name, *after in (("one",), ("first",), ("second", "first-sent.csv"), ("second",)):
+        words = (model_file, "--reference", tmp_path / f"{name}.csv", "--sample-rate", 250)
+        for file in after:
+            words += ("--after", tmp_path / file)
+        out = tmp_path / f"{name}-sent.csv"
+        status, text, err = run(capsys, "compensate", *words, "--out", out, "--json")
+        assert (status, err) == (0, "")
+        assert bool(after) == any("first-sent.csv" in n for n in json.loads(text)["notes"])
+        commands[name, *after] = read_record(out).channel("command").values
+    told, blind = commands["second", "first-sent.csv"], commands["second",]
+    assert told == pytest.approx(commands["one",][1150:], abs=1e-6)
+    assert np.abs(blind - told).max() > 1.0
 
 
 def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
@@ -169,7 +187,9 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
         (("--reference-bandwidth", "0 Hz"), "'--reference-bandwidth': must be above 0"),
         (("--reference-bandwidth", "1e-9 Hz"), "too low for a sequence"),
         (("--reference-bandwidth", "low"), "expected a frequency"),
-        (("--start", "warm"), "--start must be conditioned, rest or a time"),
+        (("--after", "warm"), "--after must be conditioned, rest, a time"),
+        (("--after", "rested"), "rested is called rest"),
+        (("--after", "none.csv"), "none.csv"),
         (("--column", "3"), "no column 3"),
         (("--column", "wanted V"), "the output of the model in m"),
         (("--column", "wanted furlong"), "furlong"),

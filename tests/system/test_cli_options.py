@@ -12,13 +12,13 @@ from tests.system.test_cli_json import commands
 
 #: What differs in writing and not in meaning.
 ONE_MEANING = {
+    "--after": "the state before a record; the words are those that apply",
     "--amplifier": "the amplifier of a stack: its kind, or what it can do",
     "--column": "a column; of a test with its role, and several times",
     "--material": "a material of the catalogue; of a part also by its constants, by solid",
     "--model": "a model of the mechanics; a twin has the two that run in real time",
     "--output": "the output, or the outputs where a command takes several",
     "--stage": "a stage, or in a list of runs the name of one",
-    "--start": "the state before a record; the words are those that apply",
     "--to": "the format that is written",
 }
 

@@ -78,6 +78,20 @@ def test_the_table_and_the_figure(capsys, files):
     status, out, err = run(capsys, *words[:3], *BARE)
     assert (status, out) == (2, "")
     assert 'give it after the column, such as --input "1 V"' in err
-    status, out, err = run(capsys, *words, "--start", "-3 s")
+    words = ("predict", model, files / "next.dat", *OPTIONS)
+    part, whole = ("--rows", "700:1300"), files / "next.dat"
+    lefts = []
+    for after in ("auto", whole):
+        status, out, err = run(capsys, *words, *part, "--after", after, "--json")
+        assert (status, err) == (0, "")
+        (told,) = json.loads(out)["records"]
+        lefts.append((told["samples_not_counted"], any("next.dat" in n for n in told["notes"])))
+    assert lefts[0][0] > 0
+    assert lefts[1] == (0, True)
+    for after, said in (("nowhere.csv", "no file 'nowhere.csv'"), (whole, "select later rows")):
+        status, out, err = run(capsys, *words, "--after", after)
+        assert (status, out) == (2, "")
+        assert said in err
+    status, out, err = run(capsys, *words, "--after", "-3 s")
     assert (status, out) == (2, "")
-    assert "--start" in err
+    assert "--after" in err

@@ -127,8 +127,21 @@ def test_it_is_what_the_commands_find_and_write(
         np.testing.assert_array_equal(own.values, other.values)
 
     told = said_by(capsys, "predict", model, path, "--input", 0, "--output", 2, *read)
-    (again,) = predict_files(made.file, reading, None, "p").predictions
+    (again,) = predict_files(made.file, reading, "auto", "p").predictions
     assert told["records"][0]["as_predicted_rms_percent"] == again.as_predicted_rms_percent
+    # after another record, and a motion after it
+    copy = tmp_path / "before.csv"
+    copy.write_bytes(path.read_bytes() + b"\n")
+    before = replace(reading, files=(str(copy),))
+    told = said_by(
+        capsys, "predict", model, path, "--input", 0, "--output", 2, *read, "--after", copy
+    )
+    (again,) = predict_files(made.file, reading, before, "p").predictions
+    assert told["records"][0]["as_predicted_rms_percent"] == again.as_predicted_rms_percent
+    assert again.warm_up == 0
+    after, notes = command(made.file.model, replace(motion, before=before))
+    assert any("before.csv" in note for note in notes)
+    assert np.abs(after.command - follows.command).max() > 0.1
 
 
 def test_columns_are_found_where_the_file_leaves_no_doubt(tmp_path: Path) -> None:
@@ -280,27 +293,26 @@ def test_limits_of_a_command_are_those_of_the_request(
         state.open_model(OpenModel(name="drive", file=made.file, text=made.text))
         await user.open("/hysteresis")
 
-        def give(label: str, value: float | None) -> None:
-            fields = (e for e in user.find(ui.number).elements if e.props["label"] == label)
+        def give(label: str, value: Any) -> None:
+            fields = (e for kind in (ui.number, ui.input) for e in user.find(kind).elements)
+            fields = (e for e in fields if e.props["label"] == label)
             min(fields, key=lambda e: e.id).value = value  # that of the step before the next one
 
-        assert made.file.model.validity is not None
-        low, _ = made.file.model.validity.input_range
-        give("Highest command [V]", 60.0)
-        await come(lambda: state.motion.request.voltage == (low, 60.0))
-        give("Slew [V/s]", 900.0)
+        give("Voltage", "2:60")
+        await come(lambda: state.motion.request.voltage == (2.0, 60.0))
+        give("Amplifier", "slew=900 V/s")
         await come(lambda: state.motion.request.amplifier.slew == 900.0)
         give("Reference bandwidth [Hz]", 30.0)
         await come(lambda: state.motion.request.reference_bandwidth == 30.0)
-        (start,) = (e for e in user.find(ui.select).elements if "conditioned" in e.options)
-        start.value = "moved"
-        await come(lambda: state.motion.request.start == 30.0)
-        give("Moved for [s]", 12.0)
-        await come(lambda: state.motion.request.start == 12.0)
-        give("Highest command [V]", low - 1.0)  # which is refused
+        (after,) = (e for e in user.find(ui.select).elements if "conditioned" in e.options)
+        after.value = "moved"
+        await come(lambda: state.motion.request.after == 30.0)
+        give("Moved for [s] (empty: infinite)", 12.0)
+        await come(lambda: state.motion.request.after == 12.0)
+        give("Voltage", "60:2")  # which is refused
         await asyncio.sleep(0.3)
-        assert state.motion.request.voltage == (low, 60.0)
-        give("Highest command [V]", None)
+        assert state.motion.request.voltage == (2.0, 60.0)
+        give("Voltage", "")
         await come(lambda: state.motion.request.voltage is None)
 
     simulated(tmp_path, look)

@@ -180,8 +180,8 @@ JOBS = {
         f"{IDENTIFY} --test-record drive.csv", lambda: identified(tested=True)
     ),
     "predict": Job(
-        "predict m.yaml drive.csv --input u --output y --start 30s",
-        lambda: predict_by_file(Path("m.yaml"), drive(), "u", "y", PredictRequest(start=30.0)),
+        "predict m.yaml drive.csv --input u --output y --after 30s",
+        lambda: predict_by_file(Path("m.yaml"), drive(), "u", "y", PredictRequest(after=30.0)),
     ),
     "compensate": Job(
         "compensate m.yaml --reference wanted.csv --column y --voltage 0:110",
@@ -269,8 +269,8 @@ def test_a_command_prints_and_draws_the_result_of_the_library(
             model=("dahl", "duhem"), train=(None, 1500), known=KnownChain(delay=0.0), zero="drift"
         ),
         ExciteRequest(voltage=(0.0, 120.0), rates=(0.5, 5.0), multisine=False),
-        PredictRequest(start=float("inf")),
-        CompensateRequest(start="rest", reference_bandwidth=200.0),
+        PredictRequest(after=float("inf")),
+        CompensateRequest(after="rest", reference_bandwidth=200.0),
         FrfRequest(input=("force",), output=(1, "x"), band=(100.0, 300.0), fit_modes=2),
         CharacteriseRequest(
             axis="y", column=("command=0",), sensor=SensorUncertainty(calibration=1e-3)

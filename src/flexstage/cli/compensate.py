@@ -71,7 +71,7 @@ def compensate(
     else:
         column = read_column(column_)
     (record,) = read_files([reference], [column], options=read_options, even=True)
-    result = run(file, record, column, request)
+    result = run(file, record, column, request, read_options)
     if out is not None:
         write_file(out, record_bytes(command_record(result.feedforward, result.drive), kind))
     pictures = write_picture(figure, result.plot)

@@ -43,7 +43,7 @@ def predict(
 
     The model is not refitted. The motion before the record, which determines the creep in it, is
     estimated from the first samples, until both ends of the range have been reached. These samples
-    do not count in the errors. If that motion is known, give it by `--start`.
+    do not count in the errors. If that motion is known, give it by `--after`.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def predict(
     from flexstage.hysteresis.coupled_drives.model_file import is_coupled_model
 
     if is_coupled_model(model):
-        refuse(request.start != "auto", "coupled drives start at rest: omit --start", RecordError)
+        refuse(request.after != "auto", "coupled drives start at rest: omit --after", RecordError)
         missing = not columns.input or not columns.output
         refuse(missing, "coupled drives need --input and --output: name the columns", RecordError)
         from flexstage.report.coupled_drives import coupled_predictions_table
@@ -75,7 +75,7 @@ def predict(
     from flexstage.report.identification import band_in_words
 
     records_read, driven, follows = read_drive(records, columns, read_options)
-    result = predict_by_file(model, records_read, driven, follows, request)
+    result = predict_by_file(model, records_read, driven, follows, request, read_options)
     files = write_picture(figure, result.plot)
     if json:
         print_result(result.to_dict(), files)

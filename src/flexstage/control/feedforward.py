@@ -16,7 +16,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import LimitError, ModelError, RecordError
 from flexstage.control.tracking_run import whole_periods
 from flexstage.control.trajectory import Trajectory, smooth_step
-from flexstage.hysteresis import DriveModel, Feedforward, Lag, feedforward
+from flexstage.hysteresis import DriveModel, DriveState, Feedforward, Lag, feedforward
 from flexstage.hysteresis.limited_inverse import command_limits
 from flexstage.instruments.protocol import Waveform
 from flexstage.stage.limits import AxisLimits
@@ -41,6 +41,8 @@ class Compensation:
     """Reading at the end of the lead-in by the model, by axis [m]. A different reading of the
     sensor means that its zero has shifted (`shifted_model`).
     """
+    after: Mapping[str, DriveState] = field(default_factory=dict)
+    """State of each drive at the end of `voltage`, for the motion that follows at once."""
     limited: int = 0
     """Samples that were clipped to the limits."""
     notes: tuple[str, ...] = field(default=())
@@ -92,7 +94,7 @@ def compensate(
     *,
     periods: int = 0,
     limits: Mapping[str, AxisLimits] | None = None,
-    history: Waveform | None = None,
+    after: Mapping[str, DriveState] | None = None,
 ) -> Compensation:
     r"""Return the voltages that make a stage follow a trajectory.
 
@@ -113,9 +115,9 @@ def compensate(
     limits : Mapping, optional
         Limits by axis: the range of the voltage, and its slew (default: the range that each model
         was identified on).
-    history : Waveform, optional
-        Voltages of the drives before the lead-in, as far back as is known, at any rate, for the
-        creep that continues (default: the drives were at rest).
+    after : Mapping, optional
+        State of drives before the lead-in, by axis, such as `Compensation.after` of the motion
+        before, for the creep that continues (default: the drives were at rest).
 
     Returns
     -------
@@ -157,7 +159,8 @@ def compensate(
         )
     ranges = {a: _range(models[a], (limits or {}).get(a)) for a in trajectory.axes}
     rate = trajectory.sample_rate_hz
-    inverses = {a: _Axis(models[a], ranges[a], rate, history, a) for a in trajectory.axes}
+    states = after or {}
+    inverses = {a: _Axis(models[a], ranges[a], rate, states.get(a)) for a in trajectory.axes}
     voltages: dict[str, Feedforward] = {}
     # the move to the first voltage is part of the memory of the drive: three iterations suffice
     ends = {a: ranges[a][0] for a in trajectory.axes}
@@ -182,6 +185,7 @@ def compensate(
         predicted={
             a: follower.reading_after(lead_in.values[a]) for a, follower in inverses.items()
         },
+        after={a: follower.state for a, follower in voltages.items()},
         limited=sum(follower.limited for follower in voltages.values()),
         notes=(*trajectory.notes, *notes),
     )
@@ -277,39 +281,24 @@ class _Axis:
         model: DriveModel,
         limits: tuple[float, float],
         rate: float,
-        history: Waveform | None,
-        axis: str,
+        before: DriveState | None,
     ) -> None:
-        self.model, self.limits, self.rate = model, limits, rate
-        self.before: Array = model.hysteresis.initial_state()
-        creep = model.creep
-        self.creeping = None if creep is None else creep.settled(0.0, 1.0 / rate)
-        if history is not None and axis in history.values:
-            hysteresis = model.hysteresis.simulate(history.values[axis])
-            self.before = hysteresis.state
-            if creep is not None:
-                dt = 1.0 / history.sample_rate_hz
-                self.creeping = creep.simulate(hysteresis.values, dt, creep.settled(0.0, dt)).state
+        self.model, self.limits, self.dt = model, limits, 1.0 / rate
+        creep = None if model.creep is None else model.creep.settled(0.0, self.dt)
+        memory = model.hysteresis.initial_state()
+        rest = DriveState(hysteresis=memory, creep="rested" if creep is None else creep)
+        self.before = rest if before is None else before
 
     def follow(self, reference: Array, periods: int, lead_in: Array) -> Feedforward:
         """Return the voltages of `periods` with continuing creep, or of one that repeats (0)."""
-        dt = 1.0 / self.rate
-        before = self.model.hysteresis.simulate(lead_in, self.before)
-        creep = None
-        if self.model.creep is not None:
-            creep = self.model.creep.simulate(before.values, dt, self.creeping).state
+        _, after = self.model.response(lead_in, self.dt, self.before)
         return feedforward(
-            self.model, reference, dt, periods=periods, limits=self.limits, state=before.state,
-            start=creep,
-        )  # fmt: skip
+            self.model, reference, self.dt, periods=periods, limits=self.limits, after=after
+        )
 
     def reading_after(self, lead_in: Array) -> float:
         """Return the expected reading at the end of the lead-in."""
-        model, dt = self.model, 1.0 / self.rate
-        y = model.hysteresis.simulate(lead_in, self.before).values
-        if model.creep is not None:
-            y = model.creep.simulate(y, dt, self.creeping).values
-        return model.offset + model.sign * float(y[-1])
+        return float(self.model.response(lead_in, self.dt, self.before)[0][-1])
 
 
 def _range(model: DriveModel, limits: AxisLimits | None) -> tuple[float, float]:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.coupled_drives.identify import identify_coupled_drives
     from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
     from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
-    from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+    from flexstage.hysteresis.drive_model import DriveModel, DriveState, ValidityRange
     from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
     from flexstage.hysteresis.excitations.design import excitation
     from flexstage.hysteresis.excitations.excitation import Excitation, memory_coverage
@@ -61,6 +61,7 @@ __all__ = [
     "CreepSpectrum",
     "Cycles",
     "DriveModel",
+    "DriveState",
     "DynamicModel",
     "Excitation",
     "Feedforward",

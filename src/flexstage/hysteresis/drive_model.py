@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.base.errors import ModelError, UnitError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep, Start, creep_start
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
@@ -76,6 +76,22 @@ def _duration_text(least: float, most: float) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DriveState:
+    """State of a drive at a sample, one step before its next command."""
+
+    hysteresis: Array
+    """State of the hysteresis; its first element is the last command."""
+    creep: Start | Array = "rested"
+    """State of the creep, or the motion from which it follows."""
+    modes: Array | None = None
+    """State of the modes; None if they have settled at the next command."""
+    lag: Array | None = None
+    """State of the lag; None if it has settled at the next command."""
+    step: float = 0.0
+    """Time between the samples in the state of the lag [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DriveModel:
     """Hysteresis, creep, modes and delay in series, from the command to the reading.
 
@@ -129,6 +145,14 @@ class DriveModel:
         low, high = self.validity.input_range
         return self.hysteresis.simulate([high, low] * _CONDITIONING).state
 
+    def before(self, start: Start | Array | None = None) -> DriveState:
+        """Return the state after conditioning cycles, or without history where no range is known.
+
+        The start, of its creep, is by default that of the record of the identification.
+        """
+        memory = self.hysteresis.initial_state() if self.validity is None else self.conditioned()
+        return DriveState(hysteresis=memory, creep=self.start if start is None else start)
+
     def simulate(
         self,
         u: ArrayLike,
@@ -158,18 +182,45 @@ class DriveModel:
         numpy.ndarray
             Readings [`output_unit`], shape (n,). Modes and lag have settled at the first command.
         """
-        commands = samples(u, "command")
-        if start is None:  # 0 is a start as well
-            start = self.start if state is None else "rested"
-        if state is None and self.validity is not None:
-            state = self.conditioned()
-        y = self.hysteresis.simulate(commands, state).values
+        before = self.before(start)
+        if state is not None:
+            memory = np.asarray(state, dtype=np.float64)
+            before = DriveState(hysteresis=memory, creep="rested" if start is None else start)
+        return self.response(u, dt, before)[0]
+
+    def response(self, u: ArrayLike, dt: float, before: DriveState) -> tuple[Array, DriveState]:
+        """Return the readings for a sequence of commands, and the state of the drive at its end.
+
+        Parameters
+        ----------
+        u : array_like
+            Commands [`input_unit`], shape (n,).
+        dt : float
+            Time from one sample to the next [s].
+        before : DriveState
+            State one step before the first of them, such as the one at the end of the sequence
+            before, whose step may be another.
+
+        Returns
+        -------
+        tuple of numpy.ndarray and DriveState
+            Readings [`output_unit`], shape (n,), and the state at the last sample.
+        """
+        response = self.hysteresis.simulate(samples(u, "command"), before.hysteresis)
+        y, memory = response.values, response.state
+        creep, modes, lag = before.creep, before.modes, before.lag
         if self.creep is not None:
-            y = self.creep.simulate(y, dt, creep_start(self.creep, y, dt, start)).values
-        for element in (self.modes, self.lag):
-            if element is not None:
-                y = element.simulate(y, dt).values
-        return self.offset + self.sign * y
+            response = self.creep.simulate(y, dt, creep_start(self.creep, y, dt, creep))
+            y, creep = response.values, response.state
+        if self.modes is not None:
+            response = self.modes.simulate(y, dt, modes)
+            y, modes = response.values, response.state
+        if self.lag is not None:
+            lag = None if lag is None else self.lag.resampled(lag, before.step, dt)
+            response = self.lag.simulate(y, dt, lag)
+            y, lag = response.values, response.state
+        state = DriveState(hysteresis=memory, creep=creep, modes=modes, lag=lag, step=dt)
+        return self.offset + self.sign * y, state
 
     def outside(self, u: ArrayLike) -> str:
         """Return a warning about commands outside the range of the identification.
@@ -184,18 +235,24 @@ class DriveModel:
         str
             One sentence, or an empty text if they are inside.
         """
-        if self.validity is None:
+        beyond = self.beyond(u)
+        if self.validity is None or beyond <= 1e-6:
             return ""
         commands = np.asarray(u, dtype=np.float64)
-        low, high = self.validity.input_range
-        beyond = max(low - float(commands.min()), float(commands.max()) - high) / (high - low)
-        if beyond <= 1e-6:
-            return ""
         return (
             f"the commands, {readable(self.input_unit, commands.min(), commands.max())}, exceed "
-            f"the range of the identification, {readable(self.input_unit, low, high)}, by up to "
+            f"the range of the identification, "
+            f"{readable(self.input_unit, *self.validity.input_range)}, by up to "
             f"{100.0 * beyond:.2g} % of that range: the output there is extrapolated"
         )
+
+    def beyond(self, u: ArrayLike) -> float:
+        """Return how far commands exceed the range of the identification, over that range [1]."""
+        if self.validity is None:
+            return 0.0
+        low, high = self.validity.input_range
+        below, above = low - float(np.min(u)), float(np.max(u)) - high
+        return max(below, above, 0.0) / (high - low)
 
 
 def requested_readings(
@@ -243,10 +300,7 @@ def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -
             f"the {what} is in {unit} and the model was identified without a unit: identify it "
             'again with units after the columns, such as --output "1 um"'
         )
-    try:
-        (unit_factor, si), (model_factor, model_si) = si_unit(unit), si_unit(model_unit)
-    except UnitError as error:
-        raise ModelError(f"the {what} is in {unit}, the model in {model_unit}: {error}") from error
+    (unit_factor, si), (model_factor, model_si) = si_unit(unit), si_unit(model_unit)
     if si != model_si:
         raise ModelError(
             f"the {what} is in {unit}, the output of the model in {model_unit}: give its unit "

@@ -1,23 +1,26 @@
 """Command by which a drive follows a reference, once or repeatedly."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d
 
-from flexstage.base.errors import ModelError
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.chain.creep import Creep, Start, creep_start
 from flexstage.hysteresis.chain.element import positive_step
 from flexstage.hysteresis.drive_model import (
     DriveModel,
+    DriveState,
     range_warnings,
     requested_readings,
 )
+from flexstage.hysteresis.earlier_motion import state_after
 from flexstage.hysteresis.limited_inverse import (
     HIGHEST,
     command_limits,
@@ -25,14 +28,15 @@ from flexstage.hysteresis.limited_inverse import (
     steady_displacement,
     steady_input,
     steady_reading,
-    steady_start,
     within_band,
 )
 from flexstage.hysteresis.model import Array, checked, samples
 from flexstage.hysteresis.model_file import ModelFile
-from flexstage.hysteresis.requests import CompensateRequest
+from flexstage.hysteresis.requests import CompensateRequest, earlier_files, require_after
 from flexstage.quantities.units import readable
 from flexstage.records import Channel, Record
+from flexstage.records.read import read_files
+from flexstage.records.read_options import ReadOptions
 
 if TYPE_CHECKING:
     import pandas
@@ -65,8 +69,10 @@ class Feedforward:
     """The reference before smoothing, shape (n,)."""
     predicted: Array
     """Reading of the model for the command, shape (n,)."""
-    start: Array
-    """State of the hysteresis before the first sample."""
+    before: DriveState
+    """State of the drive before the first sample."""
+    state: DriveState
+    """State at the last sample, for what follows; for an endless repetition without its creep."""
     smoothing: float
     """Largest change of the reference by smoothing [unit of the output]."""
     limited: int
@@ -94,8 +100,9 @@ def command_of_request(
     request: CompensateRequest,
     *,
     periods: int | None = None,
+    after: DriveState | None = None,
 ) -> Feedforward:
-    """Return the command of `feedforward` within the limits, and from the start, of a request."""
+    """Return the command of `feedforward` within the limits of a request, and after its state."""
     return feedforward(
         model,
         reference,
@@ -103,9 +110,8 @@ def command_of_request(
         periods=periods,
         limits=request.voltage,
         largest_rate=request.amplifier.largest_rate,
-        state=model.hysteresis.initial_state() if request.start == "rest" else None,
-        start=None if isinstance(request.start, str) else request.start,
         band_hz=request.reference_bandwidth,
+        after=request.after if after is None else after,
     )
 
 
@@ -117,9 +123,8 @@ def feedforward(
     periods: int | None = None,
     limits: tuple[float, float] | None = None,
     largest_rate: float | None = None,
-    state: ArrayLike | None = None,
     band_hz: float | None = None,
-    start: Start | Array | None = None,
+    after: DriveState | float | str = "conditioned",
 ) -> Feedforward:
     r"""Return the command that makes a drive follow a reference.
 
@@ -149,18 +154,16 @@ def feedforward(
     largest_rate : float, optional
         Largest rate of the command [unit of the input per second]; none where not given or
         infinite.
-    state : array_like, optional
-        State of the hysteresis before the first sample; that after conditioning cycles where not
-        given. An endless repetition has its own.
     band_hz : float, optional
         Bandwidth of the smoothed reference [Hz]. For a single motion it is that of a Gaussian
         filter; a quarter of the lowest resonance where not given, and none for a model without
         resonance. For a repeated one, harmonics above it are omitted; 0.4 of the sample rate where
         not given.
-    start : "rested", float or numpy.ndarray, optional
-        Motion of the drive before, for its creep, or the state of its creep, as in
-        `DriveModel.simulate`. Where not given, rest at the first reference if a state is given,
-        otherwise the start of the record of the identification.
+    after : "conditioned", "rest", float or DriveState
+        State before the first sample: after conditioning cycles, with creep as before the record of
+        the identification; unused; conditioned, and then in motion as in the reference for a time
+        [s]; or a state, such as that at the end of another command. An endless repetition has its
+        own memory.
 
     Returns
     -------
@@ -180,11 +183,10 @@ def feedforward(
         raise ModelError(
             f"the number of periods must be at least 1, or 0 for endless, got {periods}"
         )
-    if start is None:
-        start = model.start if state is None else "rested"
     endless, count = periods == 0, periods or 1
     requested = np.tile(values, count)
-    memory = steady_start(model) if endless else _memory(model, state)
+    before = model.before() if endless else _before(model, after)
+    memory = before.hysteresis
     low, high = command_limits(model, limits)
     period_reference, notes = _smooth_reference(
         model, values, dt, band_hz, repeats=periods is not None
@@ -204,14 +206,15 @@ def feedforward(
             x = steady_displacement(model, period_reference, 1.0 / dt, creep=False, band_hz=band_hz)
             target = np.tile(x, count)
         if model.creep is not None:
-            target = _invert_creep(model.creep, target, dt, start)
+            target = _invert_creep(model.creep, target, dt, before.creep)
         inverse = limited_inverse(model, target, memory, (low, high), requested)
     slow = _rate_limited(inverse.command, largest_rate, dt, closed=endless)
     limited = inverse.missed | (np.abs(slow - inverse.command) > 1e-9 * (high - low))
     if endless:
         predicted = steady_reading(model, slow, 1.0 / dt, _SETTLED)
+        state = DriveState(hysteresis=inverse.state)
     else:
-        predicted = model.simulate(slow, dt, memory, start=start)
+        predicted, state = model.response(slow, dt, before)
     limit_note = ""
     if limited.any():
         lost = float(np.max(np.abs(predicted - smooth)))
@@ -235,7 +238,8 @@ def feedforward(
         reference=smooth,
         requested=requested,
         predicted=predicted,
-        start=memory,
+        before=before,
+        state=state,
         smoothing=float(np.max(np.abs(smooth - requested))),
         limited=int(limited.sum()),
         limit_note=limit_note,
@@ -243,8 +247,15 @@ def feedforward(
     )
 
 
-def _memory(model: DriveModel, state: ArrayLike | None) -> Array:
-    return np.array(model.conditioned() if state is None else state, dtype=np.float64)
+def _before(model: DriveModel, after: DriveState | float | str) -> DriveState:
+    """Return the state before the first sample, in a memory of cycles unless it is known."""
+    if isinstance(after, DriveState):
+        return after
+    require_after(after, "conditioned", "rest")
+    if after == "rest":
+        return DriveState(hysteresis=model.hysteresis.initial_state())
+    creep = model.start if isinstance(after, str) else after
+    return DriveState(hysteresis=model.conditioned(), creep=creep)
 
 
 def _single_motion_target(model: DriveModel, reading: Array, dt: float) -> Array:
@@ -310,12 +321,11 @@ def reading_in_proportion(
     result: Feedforward,
     *,
     endless: bool = False,
-    start: Start | Array | None = None,
 ) -> Array:
     """Return the reading for a command that is linear in the reference, without an inverse.
 
     The command is on the straight line between the commands of `result` at the lowest and highest
-    reference, from the same state of the drive; `endless` and `start` are as for `result`.
+    reference, from the same state of the drive, and endless as `result` is.
     """
     first, last = int(result.requested.argmin()), int(result.requested.argmax())
     low, high = result.requested[first], result.requested[last]
@@ -324,7 +334,7 @@ def reading_in_proportion(
     dt = float(result.time[1] - result.time[0])
     if endless:
         return steady_reading(model, command, 1.0 / dt, _SETTLED)
-    return model.simulate(command, dt, result.start, start=model.start if start is None else start)
+    return model.response(command, dt, result.before)[0]
 
 
 def smoothed(values: ArrayLike, dt: float, band_hz: float) -> Array:
@@ -396,6 +406,35 @@ def command_record(command: Feedforward, drive: DriveModel) -> Record:
     )
 
 
+def after_commands(
+    model: DriveModel,
+    earlier: Sequence[Record],
+    reference: Record,
+    column: str | int | None = None,
+) -> tuple[DriveState | None, tuple[str, ...]]:
+    """Return the state of a drive at the end of records of commands, and notes; None for none.
+
+    The column of the command is by default the only one in the unit of the input, or of these the
+    one called command.
+    """
+    if not earlier:
+        return None, ()
+    commands = []
+    for record in earlier:
+        columns = record.channels if column is None else [record.channel(column)]
+        columns = [c for c in columns if c.unit == model.input_unit]
+        columns = [c for c in columns if c.name == "command"] or columns
+        if len(columns) != 1:
+            names = ", ".join(f"{c.name} [{c.unit}]" for c in record.channels)
+            raise RecordError(
+                f"{record.source or 'the record'} has {len(columns)} columns in "
+                f"{model.input_unit or 'no unit'}, of {names}: call the column of the command "
+                f"'command ({model.input_unit})'"
+            )
+        commands.append((record, columns[0].values))
+    return state_after(model, commands, reference, _before(model, "conditioned"))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CompensationCommand(Result):
     """Command with its model file."""
@@ -438,10 +477,18 @@ def compensate(
     reference: Record,
     column: str | int,
     request: CompensateRequest,
+    options: ReadOptions = ReadOptions(),
 ) -> CompensationCommand:
-    """Return the command by which a drive follows a column of a record."""
+    """Return the command by which a drive follows a column of a record.
+
+    The options are for reading the commands before, all rows of them.
+    """
     drive, channel = file.model, reference.channel(column)
     values, converted = requested_readings(drive, channel, relative=request.relative)
-    command = command_of_request(drive, values, 1.0 / reference.sample_rate_hz, request)
-    notes = (*file.notes, *converted, *command.notes, *reference.notes)
+    how = replace(options, rows=None)
+    earlier = read_files(earlier_files(request.after), [], options=how, even=True)
+    after, earlier_notes = after_commands(drive, earlier, reference)
+    dt = 1.0 / reference.sample_rate_hz
+    command = command_of_request(drive, values, dt, request, after=after)
+    notes = (*file.notes, *converted, *earlier_notes, *command.notes, *reference.notes)
     return CompensationCommand(request=request, file=file, feedforward=command, notes=notes)

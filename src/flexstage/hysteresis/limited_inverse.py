@@ -17,13 +17,12 @@ from flexstage.quantities.units import readable
 
 #: Number of samples that are inverted at once; after a limit the remaining ones are inverted again.
 _BLOCK = 4096
-#: Smallest error that counts as changed by a limit, as a share of the output range.
-_LIMIT_ERROR = 1e-9
+#: Largest change, as a share of the range, that counts as none.
+_ROUNDING = 1e-9
 
 #: Highest harmonic, as a share of the sample rate.
 HIGHEST = 0.4
-#: A hysteresis is periodic if its input changes by less than this share of the range in a period.
-_PERIODIC = 1e-9
+#: Most periods until the memory of a hysteresis is periodic.
 _MOST_PERIODS = 40
 
 
@@ -74,13 +73,13 @@ def limited_inverse(
     # the output range depends on the memory, so that a sample inside it can be missed as well
     top, bottom = model.hysteresis.simulate([high, low], state).values.tolist()
     inside = np.clip(target, bottom, top)
-    beyond = np.abs(inside - target) > _LIMIT_ERROR * (top - bottom)
+    beyond = np.abs(inside - target) > _ROUNDING * (top - bottom)
     if beyond.all():
         raise ModelError(_out_of_reach(model, requested, (bottom, top)))
     command, after = _within(model, inside, state, low, high)
     error = np.abs(model.hysteresis.simulate(command, state).values - inside)
     return LimitedInverse(
-        command=command, state=after, missed=beyond | (error > _LIMIT_ERROR * (top - bottom))
+        command=command, state=after, missed=beyond | (error > _ROUNDING * (top - bottom))
     )
 
 
@@ -176,11 +175,11 @@ def within_band(values: Array, sample_rate_hz: float, band_hz: float) -> Array:
 def steady_output(model: DriveModel, u: ArrayLike) -> Array:
     """Return the output of the hysteresis after many periods of an input."""
     inputs = np.asarray(u, dtype=np.float64)
-    state = steady_start(model)
+    state = model.before().hysteresis
     before = np.zeros(inputs.size)
     for _ in range(_MOST_PERIODS):
         response = model.hysteresis.simulate(inputs, state)
-        if np.max(np.abs(response.values - before)) <= _PERIODIC * max(
+        if np.max(np.abs(response.values - before)) <= _ROUNDING * max(
             float(np.ptp(response.values)), 1e-300
         ):
             return response.values
@@ -213,18 +212,13 @@ def steady_input(
     target = np.asarray(x, dtype=np.float64)
     readings = model.offset + model.sign * target if requested is None else requested
     low, high = command_limits(model, limits)
-    state, before = steady_start(model), np.full(target.size, np.inf)
+    state, before = model.before().hysteresis, np.full(target.size, np.inf)
     for _ in range(_MOST_PERIODS):
         inverse = limited_inverse(model, target, state, (low, high), readings)
-        if np.max(np.abs(inverse.command - before)) <= _PERIODIC * (high - low):
+        if np.max(np.abs(inverse.command - before)) <= _ROUNDING * (high - low):
             return inverse
         before, state = inverse.command, inverse.state
     raise ConvergenceError(_no_repeat(model, "input"))
-
-
-def steady_start(model: DriveModel) -> Array:
-    """Return the first memory of the search for a periodic motion."""
-    return model.hysteresis.initial_state() if model.validity is None else model.conditioned()
 
 
 def _no_repeat(model: DriveModel, what: str) -> str:

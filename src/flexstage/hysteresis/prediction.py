@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,7 +13,8 @@ from flexstage.base.errors import ModelError, RecordError
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.chain.creep import Start
-from flexstage.hysteresis.drive_model import DriveModel, range_warnings, start_data
+from flexstage.hysteresis.drive_model import DriveModel, DriveState, range_warnings, start_data
+from flexstage.hysteresis.earlier_motion import part_before, state_after
 from flexstage.hysteresis.identification.cycles import (
     USUAL_MEMORY,
     Cycles,
@@ -30,8 +31,13 @@ from flexstage.hysteresis.identification.measurement import require_usable
 from flexstage.hysteresis.identification.residuals import root_mean_square
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.model_file import ModelFile, read_model_file
-from flexstage.hysteresis.requests import PredictRequest
+from flexstage.hysteresis.requests import PredictRequest, earlier_files, require_after
 from flexstage.records import Record
+from flexstage.records.read import read_files
+from flexstage.records.read_options import ReadOptions
+
+#: State before a record: auto, rest, a time of motion [s], a known one, or the end of records.
+After = str | float | DriveState | Record | Sequence[Record]
 
 #: Possible starts of a record: motion for long, motion for a time [s] since the low end of the
 #: range, and rest at the first command.
@@ -40,6 +46,10 @@ _STARTS: tuple[Start, ...] = (math.inf, *np.geomspace(1000.0, 1.0, 19).tolist(),
 _EQUAL = 1.01
 #: Fewest samples of a warm-up for an estimate of the start.
 _FEWEST_SAMPLES = 20
+_NO_CYCLE = (
+    "the record has no complete cycle: its initial memory is assumed to be that of cycles over the "
+    "full range, and every sample is counted"
+)
 #: Errors over all records.
 _ERRORS = "as_predicted_rms_percent", "free_constant_rms_percent"
 
@@ -80,8 +90,10 @@ class Prediction:
     """Number of first samples that depend on motion before the record; they are not counted."""
     starts: tuple[Start, ...]
     """Possible starts of the record, by the samples that are not counted: first the one in use.
-    Only one if it was given.
+    Only one if it was given, and none after another record.
     """
+    state: DriveState
+    """State of the drive at the last sample, for what follows."""
     stroke: float
     """Range of the measured output after the warm-up, in its unit."""
     as_predicted_rms_percent: float
@@ -104,16 +116,11 @@ class Prediction:
             **picked(self, "record=source", "as_predicted_rms_percent"),
             **picked(self, "free_constant_rms_percent", "constant_percent", "largest_percent"),
             "stroke": self.stroke,
-            "start": start_data(self.start),
+            "start": start_data(self.starts[0]) if self.starts else None,
             "samples_not_counted": self.warm_up,
             "rates": [dict(zip(rate, row, strict=True)) for row in self.rates],
             **picked(self, "cycles", "notes"),
         }
-
-    @property
-    def start(self) -> Start:
-        """The start of the record in use."""
-        return self.starts[0]
 
     @property
     def rates(self) -> tuple[tuple[float, int, float, float], ...]:
@@ -181,12 +188,16 @@ def predict_by_file(
     input_column: str | int,
     output_column: str | int,
     request: PredictRequest,
+    options: ReadOptions = ReadOptions(),
 ) -> Predictions:
-    """Return the predictions of records by the model of a file."""
+    """Return the predictions of records by the model of a file.
+
+    The options are for reading the records before, all rows of them.
+    """
     file = read_model_file(path)
-    predictions = predict_each(
-        file.model, records, input_column, output_column, request.known_start
-    )
+    both = input_column, output_column
+    earlier = _earlier(request.after, both, options)
+    predictions = predict_each(file.model, records, *both, earlier or request.after)
     return Predictions(
         request=request,
         file=file,
@@ -202,14 +213,14 @@ def predict(
     input_column: str | int,
     output_column: str | int,
     *,
-    start: Start | None = None,
+    after: After = "auto",
 ) -> Prediction:
     """Compare an unchanged model with a record.
 
     The memory of the hysteresis and the creep from motion before the record are unknown. The memory
     is erased when the input has reached both ends of its range; the samples before that are not
     counted. The start of the record is estimated from them: rest at the first command, or motion
-    for a time since the low end of the range.
+    for a time since the low end of the range. After another record all samples count.
 
     Parameters
     ----------
@@ -221,8 +232,9 @@ def predict(
         The column that drives.
     output_column : str or int
         The column that follows.
-    start : "rested" or float, optional
-        Motion of the drive before the record; estimated where not given.
+    after : str, float, DriveState, Record or sequence of Record
+        State before the record: "auto" estimates it; "rest" at the first command; motion for a time
+        [s] since the low end of the range; or that at the end of records with the same columns.
 
     Returns
     -------
@@ -236,20 +248,18 @@ def predict(
     """
     input_channel, output_channel = record.channel(input_column), record.channel(output_column)
     require_usable(record, input_channel, output_channel)
-    dt = 1.0 / record.sample_rate_hz
-    u, y = input_channel.values, output_channel.values
-    first = first_moving(u)
-    noise = 0.0
-    if np.isfinite(y).all():  # as where the model was identified
-        smooth, noise = denoised(u[first:], y[first:])
-        u = np.concatenate((u[:first], smooth))
+    dt, y = 1.0 / record.sample_rate_hz, output_channel.values
+    notes: tuple[str, ...] = ()
+    if earlier := _earlier(after, (input_column, output_column)):
+        after, notes = _after_records(model, earlier, record, input_column, output_column)
+    u, first, noise = _command(input_channel.values, y)
     moves = cycles(u[first:], dt, noise)
-    has_cycle = moves.bounds.size > 1
-    begin = first + (warm_up(u[first:], moves) if has_cycle else 0)
+    is_known, has_cycle = isinstance(after, DriveState), moves.bounds.size > 1
+    begin = 0 if is_known else first + (warm_up(u[first:], moves) if has_cycle else 0)
     # a median, as the model does not include the first samples after a jump
     enough = int(np.isfinite(y[first:begin]).sum()) >= _FEWEST_SAMPLES
     warm_up_samples = slice(first, begin) if enough else slice(0)
-    memory, starts, predicted = _possible_starts(model, u, y, dt, warm_up_samples, start)
+    memory, starts, predicted, state = _possible_starts(model, u, y, dt, warm_up_samples, after)
     if not np.isfinite(y[begin:]).any():
         begin = 0  # a table has no measured samples before its branches
     if model.zero != "one":
@@ -273,7 +283,9 @@ def predict(
         noise=noise,
         begin=first * dt,
     )
-    early = unknown_history_warning([section] if has_cycle else [])
+    early = "" if is_known or has_cycle else _NO_CYCLE
+    if has_cycle and not is_known:
+        early = unknown_history_warning([section])
     percent = 100.0 / stroke
     error = (y - predicted) * percent
     counted = error[begin:][np.isfinite(error[begin:])]
@@ -285,6 +297,7 @@ def predict(
         predicted=predicted,
         warm_up=begin,
         starts=starts,
+        state=state,
         stroke=stroke,
         as_predicted_rms_percent=root_mean_square(counted),
         free_constant_rms_percent=float(np.std(counted)),
@@ -292,7 +305,8 @@ def predict(
         largest_percent=float(np.max(np.abs(counted))),
         cycles=_cycles(error, moves, first, begin, dt),
         notes=(
-            *_notes(model, u, y[np.isfinite(y)], dt, moves),
+            *notes,
+            *range_warnings(model, dt, command=u, reading=y[np.isfinite(y)]),
             *([early] if early else []),
             *((input_noise_warning(noise / float(np.ptp(u))),) if noise > 0.0 else ()),
         ),
@@ -304,17 +318,18 @@ def predict_each(
     records: Sequence[Record],
     input_column: str | int,
     output_column: str | int,
-    start: Start | None = None,
+    after: After = "auto",
 ) -> list[Prediction]:
     """Return the prediction of each record by a model, after checking their units.
 
-    The start of each record is estimated if `start` is None.
+    After earlier records, each of several records also follows those before it.
     """
+    earlier = _earlier(after, (input_column, output_column))
     sides = (
         ("input", input_column, model.input_unit),
         ("output", output_column, model.output_unit),
     )
-    for record in records:
+    for record in (*earlier, *records):
         for side, name, unit in sides:
             record_unit = record.channel(name).unit
             if record_unit != unit:
@@ -323,47 +338,98 @@ def predict_each(
                     f"{record_unit or 'an unknown unit'}, that of the model in {unit or 'none'}: "
                     f'give it after the column, such as --{side} "1 {unit or "um"}"'
                 )
-    return [predict(model, r, input_column, output_column, start=start) for r in records]
+    return [
+        predict(
+            model, record, input_column, output_column,
+            after=[*earlier, *records[:i]] if earlier else after,
+        )
+        for i, record in enumerate(records)
+    ]  # fmt: skip
+
+
+def _earlier(
+    after: After, columns: tuple[str | int, str | int], options: ReadOptions = ReadOptions()
+) -> list[Record]:
+    """Return the records in a state before another one; none for other states."""
+    if isinstance(after, Record):
+        return [after]
+    if isinstance(after, (str, float, int)):
+        require_after(after, "auto", "rest")
+    elif isinstance(after, Sequence):
+        return list(after)
+    return read_files(earlier_files(after), columns, options=replace(options, rows=None), even=True)
+
+
+def _command(u: Array, y: Array) -> tuple[Array, int, float]:
+    """Return the input without noise, as identified, its first motion, and its noise."""
+    first = first_moving(u)
+    if not np.isfinite(y).all():
+        return u, first, 0.0
+    smooth, noise = denoised(u[first:], y[first:])
+    return np.concatenate((u[:first], smooth)), first, noise
+
+
+def _after_records(
+    model: DriveModel,
+    earlier: Sequence[Record],
+    following: Record,
+    input_column: str | int,
+    output_column: str | int,
+) -> tuple[DriveState, tuple[str, ...]]:
+    """Return the state at the end of records, and notes; all of the first shows its own start."""
+    parts = []
+    for record, later in zip(earlier, (*earlier[1:], following), strict=True):
+        part = part_before(record, later)
+        y = part.channel(output_column).values
+        parts.append((part, _command(part.channel(input_column).values, y)[0], y))
+    (first, u, y), *_ = parts
+    dt = 1.0 / first.sample_rate_hz
+    memory, (start, *_), *_ = _possible_starts(model, u, y, dt, slice(u.size), "auto")
+    before = _before(model, memory, start, float(u[0]))
+    return state_after(model, [part[:2] for part in parts], following, before)
 
 
 def _possible_starts(
-    model: DriveModel, u: Array, y: Array, dt: float, before: slice, start: Start | None
-) -> tuple[str, tuple[Start, ...], Array]:
-    """Memory of the hysteresis, possible starts, the likeliest first, and the readings after it.
+    model: DriveModel, u: Array, y: Array, dt: float, rows: slice, after: After
+) -> tuple[str, tuple[Start, ...], Array, DriveState]:
+    """Memory of the hysteresis, possible starts, the likeliest first, readings and last state.
 
-    They are estimated from the samples that are not counted.
+    The first two are estimated from some of the rows.
     """
-    starts = (start,) if start is not None else _STARTS if model.creep is not None else _STARTS[:1]
-    states = _memory_states(model, float(u[0]))
-    memory = next(iter(states))
-    if before.stop == 0:
-        return memory, starts, model.simulate(u, dt, states[memory], start=starts[0])
+    if isinstance(after, DriveState):
+        return USUAL_MEMORY, (), *model.response(u, dt, after)
+    starts = _STARTS if model.creep is not None else _STARTS[:1]
+    if after != "auto":
+        starts = (after if isinstance(after, (float, int)) else "rested",)
+    first, memory = float(u[0]), USUAL_MEMORY
+    if rows.stop == 0:
+        return memory, starts, *model.response(u, dt, _before(model, memory, starts[0], first))
     free = model.zero != "one"
 
-    def trial(memory: str, start: Start) -> tuple[float, Array]:
-        reading = model.simulate(u, dt, states[memory], start=start)
-        differences = (y - reading)[before]
+    def trial(memory: str, start: Start) -> tuple[float, tuple[Array, DriveState]]:
+        response = model.response(u, dt, _before(model, memory, start, first))
+        differences = (y - response[0])[rows]
         constant = np.nanmedian(differences) if free else 0.0
-        return float(np.nanmedian(np.abs(differences - constant))), reading
+        return float(np.nanmedian(np.abs(differences - constant))), response
 
     few = dict.fromkeys((starts[0], *starts[-2:]))
-    least = {m: min(trial(m, s)[0] for s in few) for m in states}
+    names = memories(model.validity.input_range, first) if model.validity else (memory,)
+    least = {m: min(trial(m, s)[0] for s in few) for m in names}
     if least[memory] > _EQUAL * min(least.values()):
         memory = min(least, key=lambda m: least[m])
-    errors, readings = zip(*(trial(memory, s) for s in starts), strict=True)
+    errors, responses = zip(*(trial(memory, s) for s in starts), strict=True)
     best = int(np.argmin(errors))
     others = (i for i, e in enumerate(errors) if i != best and e <= _EQUAL * errors[best])
-    return memory, tuple(starts[i] for i in (best, *others)), readings[best]
+    return memory, tuple(starts[i] for i in (best, *others)), *responses[best]
 
 
-def _memory_states(model: DriveModel, first: float) -> dict[str, Array | None]:
-    """States of the hysteresis that motion before a record may have set, the usual one first."""
-    if model.validity is None:
-        return {USUAL_MEMORY: None}
-    return {
-        memory: None if memory == USUAL_MEMORY else model.hysteresis.simulate(inputs).state
-        for memory, inputs in memories(model.validity.input_range, first).items()
-    }
+def _before(model: DriveModel, memory: str, start: Start, first: float) -> DriveState:
+    """State that motion before a record has set, whose first command is given."""
+    before = model.before(start)
+    if memory == USUAL_MEMORY or model.validity is None:
+        return before
+    inputs = memories(model.validity.input_range, first)[memory]
+    return replace(before, hysteresis=model.hysteresis.simulate(inputs).state)
 
 
 def _cycles(
@@ -388,13 +454,3 @@ def _cycles(
             )
         )
     return tuple(cycle_errors)
-
-
-def _notes(model: DriveModel, u: Array, y: Array, dt: float, moves: Cycles) -> tuple[str, ...]:
-    notes = list(range_warnings(model, dt, command=u, reading=y))
-    if moves.bounds.size < 2:
-        notes.append(
-            "the record has no complete cycle: its initial memory is assumed to be that of cycles "
-            "over the full range, and every sample is counted"
-        )
-    return tuple(notes)

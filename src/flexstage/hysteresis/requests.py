@@ -1,9 +1,10 @@
 """Requests about drives: identification, prediction of records, following a reference."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from flexstage.base.errors import ModelError
+from flexstage.base.errors import ModelError, UnitError
 from flexstage.files.ranges import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -25,12 +26,14 @@ _SHARE = Range(low=0.0, high=1.0, below=True)
 Zero = Literal["one", "each", "drift"]
 
 
-def read_duration(text: str) -> float | str:
-    """Return a time [s], inf for ever, or a word as it is."""
-    word = text.strip().lower()
-    if word.isalpha():
-        return float("inf") if word == "inf" else word
-    return parse(word, "time", bare_unit="s")
+def read_after(text: str) -> float | str:
+    """Return a time [s], inf for ever, or a word or names of files as they are."""
+    if text.strip().lower() == "inf":
+        return float("inf")
+    try:
+        return parse(text, "time", bare_unit="s")
+    except UnitError:
+        return text.strip()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,21 +187,16 @@ class ExciteRequest(Request):
 class PredictRequest(Request):
     """Prediction of independent records by a model."""
 
-    start: Annotated[
-        float | Literal["auto", "rested"], Written("auto|rested|TIME", read=read_duration)
-    ] = "auto"
-    """State before the record: rested at the first command, or in motion for a time, such as "30 s"
-    or inf, since the low end of the range; auto estimates it from the first samples.
+    after: Annotated[float | str, Written("auto|rest|TIME|RECORD", read=read_after)] = "auto"
+    """State before the record: rest at the first command; motion for a time, such as "30 s" or inf,
+    since the low end of the range; or the end of RECORD, a file with the same columns (several
+    separated by commas), after which the records follow one another. auto estimates it from the
+    first samples.
     """
 
     def __post_init__(self) -> None:
         super(PredictRequest, self).__post_init__()
-        require_start(self.start, "auto, rested")
-
-    @property
-    def known_start(self) -> float | Literal["rested"] | None:
-        """The state before the record; None for auto."""
-        return None if self.start == "auto" else self.start
+        require_after(self.after, "auto", "rest")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,18 +213,18 @@ class CompensateRequest(Request):
     """Limits of the amplifier, such as "slew=2000 V/s,current=50 mA,capacitance=6.4 uF"."""
     reference_bandwidth: PositiveFrequency | None = None
     """Bandwidth of the smoothed reference (default: a quarter of the resonance of the model)."""
-    start: Annotated[
-        float | Literal["conditioned", "rest"],
-        Written("conditioned|rest|TIME", read=read_duration),
-    ] = "conditioned"
-    """State before the start: conditioned by cycles over the whole range that end at its low end,
-    with creep as before the record of the model; rest: unused; or a time, such as "30 s" or inf:
-    conditioned, and then in motion as in the reference for that time.
+    after: Annotated[float | str, Written("conditioned|rest|TIME|RECORD", read=read_after)] = (
+        "conditioned"
+    )
+    """State before the first sample: conditioned by cycles over the whole range that end at its low
+    end, with creep as before the record of the model; rest: unused; a time, such as "30 s" or inf:
+    conditioned, and then in motion as in the reference for that time; or the end of RECORD, a file
+    with time and command (several separated by commas).
     """
 
     def __post_init__(self) -> None:
         super(CompensateRequest, self).__post_init__()
-        require_start(self.start, "conditioned, rest")
+        require_after(self.after, "conditioned", "rest")
         if self.amplifier.capacitance is not None and self.amplifier.current is None:
             raise ModelError(
                 "--amplifier: the capacitance needs the current limit: both limit the slope"
@@ -234,14 +232,23 @@ class CompensateRequest(Request):
         self.amplifier.require_load()
 
 
-def require_start(start: float | str, words: str) -> None:
-    """Refuse an invalid start."""
-    if isinstance(start, str):
-        valid = start in words.split(", ")
+def require_after(after: float | str, *words: str) -> None:
+    """Refuse an invalid state before the first sample; a file has an ending."""
+    if isinstance(after, str):
+        valid = after in words or all(file.suffix for file in earlier_files(after))
     else:
-        valid = type(start) in (int, float) and start >= 0.0
+        valid = isinstance(after, (int, float)) and after is not True and after >= 0.0
     if valid:
         return
+    renamed = "; rested is called rest" if after == "rested" else ""
     raise ModelError(
-        f"--start must be {words} or a time that is not negative, such as 30 s, got '{start}'"
+        f"--after must be {', '.join(words)}, a time that is not negative, such as 30 s, or the "
+        f"file of a record, got '{after}'{renamed}"
     )
+
+
+def earlier_files(after: object) -> tuple[Path, ...]:
+    """Return the files in a state before the first sample; none for a word or a time."""
+    if not isinstance(after, str) or after in ("auto", "conditioned", "rest"):
+        return ()
+    return tuple(Path(name.strip()) for name in after.split(","))

@@ -49,11 +49,14 @@ def prediction_in_words(prediction: Prediction, model: DriveModel) -> list[str]:
     stroke = readable(model.output_unit or "output", prediction.stroke, digits=4)
     zero = _zero_in_words(model)
     mean = f"predicted{zero}" if zero else f"mean error {prediction.constant_percent:+.2f} % of it"
+    size, omitted = prediction.time.size, prediction.warm_up
+    counted = (
+        f"the first {omitted} of {size} samples are not" if omitted else f"all {size} samples are"
+    )
     lines = [
-        f"{Path(prediction.source).name or 'record'}: stroke {stroke}; {mean}; the first "
-        f"{prediction.warm_up} of {prediction.time.size} samples are not counted"
+        f"{Path(prediction.source).name or 'record'}: stroke {stroke}; {mean}; {counted} counted"
     ]
-    if model.creep is not None:
+    if model.creep is not None and prediction.starts:
         lines.append(f"assumed history: the drive {start_in_words(*prediction.starts)}")
     return lines
 

@@ -225,6 +225,18 @@ class Lag(ChainElement):
         newest = line[line.size - 1 - steps :][::-1]
         return Response(values=y, state=np.append(newest, end))
 
+    def resampled(self, state: Array, step: float, dt: float) -> Array:
+        """Return a state for another step between samples [s], of which it had one before.
+
+        Inputs are straight lines between samples. The lag itself is taken as constant over a step,
+        which is exact without a time constant.
+        """
+        if step == dt:
+            return state
+        times = dt * np.arange(self._delay_steps(dt) + 1.0)
+        inputs = np.interp(times, step * np.arange(state.size - 1.0), state[:-1])
+        return np.append(inputs, state[-1])
+
     def lead(self, y: ArrayLike, dt: float) -> Array:
         r"""Return the smooth input that gives a smooth output.
 

@@ -3,14 +3,15 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
 from flexstage.hysteresis import MODELS
-from flexstage.hysteresis.drive_model import DriveModel, Start
-from flexstage.hysteresis.requests import AmplifierLimits, CompensateRequest
+from flexstage.hysteresis.drive_model import DriveModel
+from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.quantities.units import readable
 from flexstage.report.identification import (
     band_in_words,
@@ -34,7 +35,7 @@ from flexstage.web.page import Page, Task, display_text, div, panel, remark
 from flexstage.web.request_form import RequestForm
 
 _SHAPES = {"sine": "Sine", "triangle": "Triangle", "file": "From a file"}
-_STARTS = {
+_AFTER = {
     "conditioned": "conditioned: cycles over the full range, ending at the low end",
     "rest": "rest: unused",
     "moved": "conditioned, then in the desired motion for",
@@ -119,36 +120,16 @@ class CompensationPanel:
                 self._number("sample_rate_hz", "Sample rate [Hz]")
                 periods = self._number("periods", "Periods (0: endless repetition)")
                 periods.props("min=0 step=1").classes("whole")
-        volt = f" [{drive.input_unit}]" if drive.input_unit else ""
-        slope = f" [{drive.input_unit}/s]" if drive.input_unit else " [1/s]"
         with (
             ui.expansion("Limits and initial state", value=request != CompensateRequest()).classes(
                 "folded"
             ),
             div("entries"),
         ):
-            bounds = request.voltage or (None, None)
-            self._limit(f"Lowest command{volt}", bounds[0], lambda v: self._bound(drive, 0, v))
-            self._limit(f"Highest command{volt}", bounds[1], lambda v: self._bound(drive, 1, v))
-            self._limit(
-                f"Slew{slope}",
-                request.amplifier.slew,
-                lambda v: self._ask("amplifier", AmplifierLimits(slew=v)),
-            )
+            self._request.text("voltage", "0:120")
+            self._request.text("amplifier", "slew=2000 V/s")
             self._request.number("reference_bandwidth")
-            state = request.start if isinstance(request.start, str) else "moved"
-            start = ui.select(_STARTS, value=state, label="Start")
-            start.props("outlined dense options-dense stack-label").classes("whole")
-            moved_for = _DEFAULT_MOVED_FOR if isinstance(request.start, str) else request.start
-            moved_field = self._limit(
-                "Moved for [s]", moved_for, lambda v: self._ask("start", v or 0.0)
-            )
-            moved_field.bind_visibility_from(start, "value", value="moved")
-            start.on_value_change(
-                lambda e: self._ask(
-                    "start", moved_field.value or 0.0 if e.value == "moved" else e.value
-                )
-            )
+            _after_fields(self._state, _AFTER, request.after, partial(self._ask, "after"))
 
     def _file(self) -> None:
         form = FilesForm(
@@ -193,26 +174,6 @@ class CompensationPanel:
         field.on_value_change(changed)
         return field
 
-    def _limit(
-        self, label: str, value: float | None, assign: Callable[[float | None], None]
-    ) -> ui.number:
-        """Show a number in the unit of the model; an empty field is None."""
-        field = ui.number(label, value=value, format="%.6g").props(_NUMBER)
-
-        def changed(event: Any) -> None:
-            with self._page.show_errors():
-                assign(event.value)
-
-        field.on_value_change(changed)
-        return field
-
-    def _bound(self, drive: DriveModel, end: int, value: float | None) -> None:
-        """Assign a bound of the command; the default of the other one is that of the model."""
-        range_of_model = (0.0, 0.0) if drive.validity is None else drive.validity.input_range
-        bounds = list(self._state.motion.request.voltage or range_of_model)
-        bounds[end] = range_of_model[end] if value is None else value
-        self._ask("voltage", None if tuple(bounds) == range_of_model else tuple(bounds))
-
     def _ask(self, name: str, value: Any) -> None:
         self._set("request", replace(self._state.motion.request, **{name: value}))
 
@@ -247,6 +208,8 @@ class CompensationPanel:
             if missing:
                 return
             motion = replace(motion, file=state.reference.selection)
+        before = state.files_before().get(str(motion.request.after), motion.before)
+        motion = replace(motion, before=before)
         self._show_error("")
         self._task.start(
             "computing the command", compensate_motion, state.model.file, motion, "command"
@@ -324,11 +287,33 @@ class CompensationPanel:
             ui.button("Download the waveform", icon="download", on_click=download)
 
 
-_PREDICTION_STARTS = {
+_PREDICTION_AFTER = {
     "auto": "auto: estimated from the first samples",
-    "rested": "rested at the first command",
-    "moved": "moved from the low end of its range for",
+    "rest": "rest at the first command",
+    "moved": "motion from the low end of its range for",
 }
+
+
+def _after_fields(
+    state: HysteresisState,
+    words: dict[str, str],
+    after: float | str,
+    assign: Callable[[float | str], object],
+) -> None:
+    """Show the states before a motion: words, a time, or the ends of records."""
+    options = words | {file: f"the end of {Path(file).name}" for file in state.files_before()}
+    word, time = (after, _DEFAULT_MOVED_FOR) if isinstance(after, str) else ("moved", after)
+    field = ui.select(options, value=word if word in options else next(iter(words)), label="After")
+    field.props("outlined dense options-dense stack-label").classes("whole")
+    moved = ui.number("Moved for [s] (empty: infinite)", value=None if time == math.inf else time)
+    moved.props(_NUMBER).bind_visibility_from(field, "value", value="moved")
+
+    def changed() -> None:
+        moved_for = math.inf if moved.value is None else max(0.0, moved.value)
+        assign(moved_for if field.value == "moved" else field.value)
+
+    field.on_value_change(changed)
+    moved.on_value_change(changed)
 
 
 class PredictionPanel:
@@ -362,15 +347,9 @@ class PredictionPanel:
                 )
                 form.build()
                 with div("entries"):
-                    start = ui.select(_PREDICTION_STARTS, value=state.start, label="Start")
-                    start.props("outlined dense options-dense stack-label").classes("whole")
-                    start.bind_value(state, "start")
-                    moved_field = ui.number(
-                        "Moved for [s] (empty: infinite)", value=state.moved_for
+                    _after_fields(
+                        state, _PREDICTION_AFTER, state.after, partial(setattr, state, "after")
                     )
-                    moved_field.props("outlined dense stack-label")
-                    moved_field.on_value_change(self._set_moved)
-                    moved_field.bind_visibility_from(start, "value", value="moved")
                 self._missing = ui.label().classes("issue")
                 self._go = ui.button("Validate", icon="play_arrow", on_click=self._start)
                 self._working = ui.column().classes("full-width")
@@ -428,18 +407,14 @@ class PredictionPanel:
         self._missing.visible = bool(text)
         self._go.set_enabled(not missing)
 
-    def _set_moved(self, event: Any) -> None:
-        self._state.moved_for = math.inf if event.value is None else max(0.0, event.value)
-
     def _start(self) -> None:
         state = self._state
         if state.model is not None:
-            starts: dict[str, Start | None] = {"auto": None, "rested": "rested"}
-            start = starts.get(state.start, state.moved_for)
+            after = state.files_before().get(str(state.after), state.after)
             selection = state.validation.selection
             self._task.start(
                 f"predicting {', '.join(selection.names)}", predict_files,
-                state.model.file, selection, start, "prediction",
+                state.model.file, selection, after, "prediction",
             )  # fmt: skip
 
     def _take(self, prediction: PredictionSet) -> None:

@@ -101,5 +101,7 @@ class DesiredMotion:
     """Number of periods; 0 for one endlessly repeated period."""
     file: FileSelection = FileSelection()
     """File of the motion; its column is the output."""
+    before: FileSelection = FileSelection()
+    """Record of the drive that ends just before; no file for other states."""
     request: CompensateRequest = CompensateRequest()
     """Limits and initial state of the drive; voltages in the unit of the input."""

@@ -1,6 +1,6 @@
 """State of the view Hysteresis in one browser: records, model, motion and results."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from flexstage.hysteresis import ModelFile
@@ -112,14 +112,23 @@ class HysteresisState:
     """Command for the desired motion."""
     validation: MeasuredFiles = field(default_factory=MeasuredFiles)
     """Independent record for the validation of the model."""
-    start: Literal["auto", "rested", "moved"] = "auto"
-    """State of the drive at the start of that record."""
-    moved_for: float = 30.0
-    """Duration of the motion before it [s], if it had moved."""
+    after: float | str = "auto"
+    """State of the drive before that record: auto, rest, the time of a motion [s], or the file of
+    another record.
+    """
     prediction: PredictionSet | None = None
     """Prediction of that record."""
     jobs: dict[str, BackgroundJob] = field(default_factory=dict)
     """Jobs whose result no page has taken, by purpose."""
+
+    def files_before(self) -> dict[str, FileSelection]:
+        """Return the records of the drive, each by its file, at whose end a motion can begin."""
+        selections = (self.source.selection, self.validation.selection)
+        return {
+            file: replace(s, files=(file,), options=replace(s.options, rows=None))
+            for s in selections
+            for file in s.files
+        }
 
     def open_model(self, model: OpenModel) -> None:
         """Open another model, and discard the results of the last one."""

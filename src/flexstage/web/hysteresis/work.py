@@ -21,15 +21,15 @@ from flexstage.hysteresis import (
     model_text,
     read_model_file,
 )
-from flexstage.hysteresis.chain.creep import Start
 from flexstage.hysteresis.drive_model import DriveModel, requested_readings
 from flexstage.hysteresis.identification.identify import identified_file
 from flexstage.hysteresis.inversion import (
+    after_commands,
     command_of_request,
     command_record,
     reading_in_proportion,
 )
-from flexstage.hysteresis.prediction import predict_each
+from flexstage.hysteresis.prediction import After, predict_each
 from flexstage.hysteresis.requests import IdentifyRequest, rowwise
 from flexstage.records import Channel, Record, write_record
 from flexstage.records.contents import contents, is_time, likely_drive, moving_columns, read_whole
@@ -204,16 +204,8 @@ def compensate_motion(file: ModelFile, motion: DesiredMotion, key: str) -> Compe
     """Compute the command for a motion, and plot it."""
     feedforward, notes = command(file.model, motion)
     is_endless = motion.shape != "file" and motion.periods == 0
-    request_start = motion.request.start
-    start = (
-        {"conditioned": None, "rest": "rested"}[request_start]
-        if isinstance(request_start, str)
-        else request_start
-    )
-    error = (
-        reading_in_proportion(file.model, feedforward, endless=is_endless, start=start)
-        - feedforward.requested
-    )
+    plain = reading_in_proportion(file.model, feedforward, endless=is_endless)
+    error = plain - feedforward.requested
     band = file.errors.get("heldout_95")
     alt_text = "The command and its predicted error"
     svg = inline(lambda: draw_feedforward(feedforward, file.model, band), key, alt_text)
@@ -229,7 +221,15 @@ def command(drive: DriveModel, motion: DesiredMotion) -> tuple[Feedforward, tupl
     else:
         reference, dt, notes = _repeated(motion)
         periods = motion.periods
-    feedforward = command_of_request(drive, reference, dt, motion.request, periods=periods)
+    after = None
+    if motion.before.files:
+        earlier, column, _ = read(motion.before)
+        follows = Record(channels=(), time=np.arange(2.0) * dt)
+        after, earlier_notes = after_commands(drive, earlier, follows, column)
+        notes = (*notes, *earlier_notes)
+    feedforward = command_of_request(
+        drive, reference, dt, motion.request, periods=periods, after=after
+    )
     return feedforward, (*notes, *feedforward.notes)
 
 
@@ -303,11 +303,13 @@ class PredictionSet:
 
 
 def predict_files(
-    file: ModelFile, selection: FileSelection, start: Start | None, key: str
+    file: ModelFile, selection: FileSelection, after: After | FileSelection, key: str
 ) -> PredictionSet:
     """Predict other records by a model, as `flexstage predict` does."""
     records, input_column, output_column = read(selection)
-    predictions = predict_each(file.model, records, input_column, output_column, start)
+    if isinstance(after, FileSelection):
+        after = read(replace(after, columns=selection.columns))[0]
+    predictions = predict_each(file.model, records, input_column, output_column, after)
     band = file.errors.get("heldout_95")
     alt_text = f"Measured and predicted loop, and error, of {selection.names[0]}"
     svg = inline(lambda: draw_prediction(predictions[0], file.model, band), key, alt_text)
