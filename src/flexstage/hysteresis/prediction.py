@@ -22,7 +22,7 @@ from flexstage.hysteresis.identification.cycles import (
     warm_up,
 )
 from flexstage.hysteresis.identification.faults import denoised, input_noise_warning
-from flexstage.hysteresis.identification.measurement import require_usable
+from flexstage.hysteresis.identification.measurement import RecordEnds, require_usable
 from flexstage.hysteresis.identification.residuals import root_mean_square
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.model_file import ModelFile, read_model_file
@@ -36,6 +36,11 @@ _STARTS: tuple[Start, ...] = (math.inf, *np.geomspace(1000.0, 1.0, 19).tolist(),
 _EQUAL = 1.01
 #: Fewest samples of a warm-up for an estimate of the start.
 _FEWEST_SAMPLES = 20
+_NO_CYCLE = (
+    "the record has no complete cycle: its initial memory is assumed to be that of cycles over the "
+    "full range, and every sample is counted"
+)
+_ONE_PERIOD = "the record is one period, taken as repeated: every sample is counted"
 #: Errors over all records.
 _ERRORS = "as_predicted_rms_percent", "free_constant_rms_percent"
 
@@ -234,16 +239,21 @@ def predict(
     u, y = input_channel.values, output_channel.values
     first = first_moving(u)
     noise = 0.0
-    if np.isfinite(y).all():  # as where the model was identified
+    complete = bool(np.isfinite(y).all())
+    if complete:  # as where the model was identified
         smooth, noise = denoised(u[first:], y[first:])
         u = np.concatenate((u[:first], smooth))
     moves = cycles(u[first:], dt, noise)
     has_cycle = moves.bounds.size > 1
+    history = np.zeros(0)
+    if complete and (ends := RecordEnds.of(u[first:], y[first:])).show_period:
+        history, has_cycle = u[first:][: ends.samples], False
+        start = math.inf if start is None else start
     begin = first + (warm_up(u[first:], moves) if has_cycle else 0)
     # a median, as the model does not include the first samples after a jump
     enough = int(np.isfinite(y[first:begin]).sum()) >= _FEWEST_SAMPLES
     warm_up_samples = slice(first, begin) if enough else slice(0)
-    starts, predicted = _possible_starts(model, u, y, dt, warm_up_samples, start)
+    starts, predicted = _possible_starts(model, u, y, dt, warm_up_samples, start, history)
     if not np.isfinite(y[begin:]).any():
         begin = 0  # a table has no measured samples before its branches
     stroke = float(np.nanmax(y[begin:]) - np.nanmin(y[begin:]))
@@ -273,7 +283,8 @@ def predict(
         largest_percent=float(np.max(np.abs(counted))),
         cycles=_cycles(error, moves, first, begin, dt),
         notes=(
-            *_notes(model, u, y[np.isfinite(y)], dt, moves),
+            *range_warnings(model, dt, command=u, reading=y[np.isfinite(y)]),
+            *([] if has_cycle else [_ONE_PERIOD if history.size else _NO_CYCLE]),
             *([early] if early else []),
             *((input_noise_warning(noise / float(np.ptp(u))),) if noise > 0.0 else ()),
         ),
@@ -308,14 +319,23 @@ def predict_each(
 
 
 def _possible_starts(
-    model: DriveModel, u: Array, y: Array, dt: float, before: slice, start: Start | None
+    model: DriveModel,
+    u: Array,
+    y: Array,
+    dt: float,
+    before: slice,
+    start: Start | None,
+    history: Array,
 ) -> tuple[tuple[Start, ...], Array]:
     """Possible starts, the likeliest first, and the readings after that one.
 
-    They are estimated from the samples that are not counted.
+    They are estimated from the samples that are not counted; the history is a period before.
     """
     starts = (start,) if start is not None else _STARTS if model.creep is not None else _STARTS[:1]
-    simulations: list[tuple[Start, Array]] = [(s, model.simulate(u, dt, start=s)) for s in starts]
+    driven = np.concatenate((history, u))
+    simulations: list[tuple[Start, Array]] = [
+        (s, model.simulate(driven, dt, start=s)[history.size :]) for s in starts
+    ]
     if before.stop == 0:
         return starts, simulations[0][1]
     errors = [float(np.nanmedian(np.abs(y - m[1])[before])) for m in simulations]
@@ -348,13 +368,3 @@ def _cycles(
             )
         )
     return tuple(cycle_errors)
-
-
-def _notes(model: DriveModel, u: Array, y: Array, dt: float, moves: Cycles) -> tuple[str, ...]:
-    notes = list(range_warnings(model, dt, command=u, reading=y))
-    if moves.bounds.size < 2:
-        notes.append(
-            "the record has no complete cycle: its initial memory is assumed to be that of cycles "
-            "over the full range, and every sample is counted"
-        )
-    return tuple(notes)

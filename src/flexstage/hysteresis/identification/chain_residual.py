@@ -170,7 +170,11 @@ class ChainResidual:
                 self._both[i] = np.ascontiguousarray(np.hstack(both)[section.history :])
             at = self._data.rows[i].at[use]
             first = at - section.history - late
-            columns = [self._both[i][np.maximum(k, 0)] for k in (first, first - 1)]
+            last = self._both[i].shape[0] - 1
+            columns = [
+                self._both[i][k % last if section.periodic else np.maximum(k, 0)]
+                for k in (first, first - 1)
+            ]
             self._products[i, late] = normal_equations(
                 np.concatenate(columns, axis=1), section.nuisance[at], section.y[at]
             )

@@ -119,13 +119,20 @@ class RecordSection:
     both ends of the range, after which the memory is that of cycles over all of it.
     """
     start: Start = "rested"
-    """Motion of the drive before the record, for its creep."""
+    """Motion of the drive before the record, for its creep; if periodic, the section is one period,
+    from its low end back to a copy of the same sample.
+    """
     measured: NDArray[np.bool_] | None = None
     """True for measured samples of the output, shape (n,); others are interpolated. None if all
     were measured.
     """
     straight: NDArray[np.bool_] | None = None
     """True for means that represent their samples, shape (n,); all if None."""
+
+    @property
+    def periodic(self) -> bool:
+        """True for one period of a steady motion."""
+        return self.start == "periodic"
 
 
 def _differ(first: float, second: float) -> bool:
@@ -201,7 +208,7 @@ def turning_points(u: Array, threshold: float) -> NDArray[np.intp]:
     return indices[:count].copy()
 
 
-def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
+def cycles(u: Array, dt: float, noise_taken: float = 0.0, *, period: bool = False) -> Cycles:
     """Find the cycles of a drive signal.
 
     Parameters
@@ -212,6 +219,8 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
         Time from one sample to the next [s].
     noise_taken : float
         Standard deviation of the noise that was mostly removed from it.
+    period : bool
+        True for one period, from its low end back to it, which is a turning point.
 
     Returns
     -------
@@ -232,7 +241,7 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
     turning = turning_points(u, max(_THRESHOLDS.swing * (high - low), least))
     lower = turning[1:] if turning.size and _is_high(u, turning) else turning
     bounds = lower[::2]
-    if bounds.size < _THRESHOLDS.few:
+    if period or bounds.size < _THRESHOLDS.few:
         bounds = _with_ends(u, bounds, low + _THRESHOLDS.low_end * (high - low))
     count = max(bounds.size - 1, 0)
     swing, frequency = np.zeros(count), np.zeros(count)
@@ -241,6 +250,8 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
         size = float(np.ptp(part))
         swing[i] = size / (high - low)
         frequency[i] = 1.0 / (dt * _moving_time(part, noise))
+    if period:
+        turning = np.append(0, turning)
     return Cycles(
         bounds=bounds, swing=swing, frequency_hz=frequency, turning=turning, range=(low, high)
     )

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import stdtrit
 
 from flexstage.hysteresis.identification.model_fit import FitData, FitResult, ModelFit
 from flexstage.hysteresis.identification.residuals import (
@@ -58,6 +59,12 @@ class FittedModel:
     """Its residuals at all rows."""
     folds: Folds | None
     """Cross-validation errors; None without cross-validation."""
+
+    def rms(self, data: FitData) -> float:
+        """Return the rms error on held-out cycles, or of the fit [unit of the output]."""
+        if self.folds is not None:
+            return self.folds.rms
+        return root_mean_square(self.residuals.at(data.use))
 
 
 def invertibility_warning(
@@ -197,8 +204,10 @@ def _invertible(model: FittedModel) -> bool:
 
 
 def _by_chance(folds: Folds | None, best: Folds | None, data: FitData) -> float:
-    """Standard error of the difference of two held-out mean squares, by parts [%^2]."""
+    """Largest difference of two held-out mean squares by chance, 95 %, by their parts [%^2]."""
     if folds is None or best is None:
         return 0.0
     difference = (folds.mean_square - best.mean_square) * (100.0 / data.stroke) ** 2
-    return float(np.std(difference, ddof=1) / np.sqrt(difference.size))
+    return float(
+        stdtrit(difference.size - 1, BAND) * np.std(difference, ddof=1) / np.sqrt(difference.size)
+    )
