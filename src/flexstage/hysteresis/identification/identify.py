@@ -247,7 +247,10 @@ def _result(
     train: tuple[int, int] | None,
 ) -> Identification:
     errors = prediction_errors(best, data)
-    stretches = cross_validate(best.method, data, best.fit.search, stretches=True)
+    # a part of the only period that is extrapolated shows nothing of another motion
+    stretches = None
+    if not all(s.periodic for s in data.sections):
+        stretches = cross_validate(best.method, data, best.fit.search, stretches=True)
     if stretches is not None and best.folds is not None:
         percent = 100.0 / data.stroke
         standard_error = another_stretch(

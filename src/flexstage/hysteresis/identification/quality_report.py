@@ -57,7 +57,9 @@ def quality_report(data: FitData, error_percent: float, noise_percent: float) ->
     """
     percent = 100.0 / data.stroke
     faults = list(data.findings)
-    if not any(f.kind == "butterfly" for f in faults):
+    # a shift within the only period is the difference of its ends
+    only_periods = all(s.periodic for s in data.sections)
+    if not only_periods and not any(f.kind == "butterfly" for f in faults):
         faults += baseline_shifts(data)
     line = rms_of_line(data, ChainValues()) * percent
     excess = float(np.sqrt(max(error_percent**2 - noise_percent**2, 0.0)))
