@@ -431,7 +431,7 @@ def test_auto_prefers_the_simpler_model():
     steep = identify(record(u, noisy(BOUC_WEN, u, 3)), "u", "y", chain=NONE)
     assert steep.kind == "bouc-wen"
     assert {c.kind for c in steep.candidates} == {
-        "bouc-wen", "maxwell-slip", "modified-prandtl-ishlinskii", "preisach"
+        "bouc-wen", "line", "maxwell-slip", "modified-prandtl-ishlinskii", "preisach"
     }  # fmt: skip
     assert min(c.heldout_rms_percent or 0.0 for c in steep.candidates) <= (
         steep.heldout_rms_percent or 0.0
@@ -904,7 +904,7 @@ def test_more_that_cannot_serve():
     )
     with pytest.raises(RecordError, match="different units"):
         identify([record(u, y), volts], "u", "y")
-    with pytest.raises(ModelError, match="'hammerstein' is not known: choose from auto, dahl"):
+    with pytest.raises(ModelError, match="'hammerstein' is not known: choose from auto, line"):
         identify(record(u, y), "u", "y", model="hammerstein")
     with pytest.raises(RecordError, match="give 0 fitted"):
         identify(record(u, y), "u", "y", model="dahl", train=(0, 5))

@@ -16,6 +16,7 @@ from flexstage.hysteresis import (
     Duhem,
     GeneralisedBoucWen,
     GeneralisedMaxwellSlip,
+    Line,
     ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
     Preisach,
@@ -69,6 +70,7 @@ BUILDS = {
         shape=st.tuples(*[st.floats(-0.05, 0.05)] * 6),
         centre=st.floats(-3.0, 60.0),
     ),
+    "line": st.builds(Line, gain=slopes),
     "dahl": st.builds(Dahl, gain=slopes, stiffness=slopes, limit=st.floats(1e-7, 1e-4)),
     "duhem": st.builds(
         Duhem,

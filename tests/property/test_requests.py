@@ -76,7 +76,7 @@ EXAMPLES: tuple[Request, ...] = (
     IdentifyRequest(
         model=("dahl", "duhem"), train=(None, 900),
         known=KnownChain(delay=3.1e-3, creep=0.012, resonance=813.0),
-        temperature=(294.5, 296.0), zero="drift",
+        zero="drift",
     ),
     OptimiseRequest(maximise=("mass",), over=("neck=20 %",), start="middle", confirm="plane"),
     PredictRequest(after="walk 1.csv,walk 2.csv"),

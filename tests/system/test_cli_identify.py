@@ -465,21 +465,6 @@ def test_a_path_that_cannot_be_written_is_status_1(capsys, tmp_path, text_file):
     assert err.count("\n") == 1
 
 
-@pytest.mark.slow
-def test_the_temperature_is_kept_in_the_model(capsys, text_file, tmp_path):
-    out = tmp_path / "m.yaml"
-    base = (text_file, *COLUMNS, "--model", "dahl", "--out", out)
-    status, _, err = run(capsys, *base, "--temperature", "294.5:296")
-    assert (status, err) == (0, "")
-    validity = read_model_text(out.read_text(encoding="utf-8")).model.validity
-    assert validity is not None
-    assert validity.temperature == (294.5, 296.0)
-    for bad in ("296:294.5", "1:2:3", "warm", "-3"):
-        status, _, err = run(capsys, *base, f"--temperature={bad}")
-        assert status == 2
-        assert "temperature" in err
-
-
 def test_a_known_resonance_is_taken(capsys, text_file):
     status, out, _ = run(
         capsys, text_file, *COLUMNS, "--model", "dahl", "--known", "resonance=71 Hz", "--json"

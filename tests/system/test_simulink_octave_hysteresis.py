@@ -15,6 +15,7 @@ from flexstage.hysteresis import (
     GeneralisedBoucWen,
     GeneralisedMaxwellSlip,
     HysteresisModel,
+    Line,
     ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
     Preisach,
@@ -49,6 +50,7 @@ MODELS: dict[str, HysteresisModel] = {
     "generalised_power": GeneralisedBoucWen(
         gain=0.593, hysteresis_gain=0.361, centre=57.0, shape=SHAPE, exponent=1.7
     ),
+    "line": Line(gain=0.593e-6),
     "dahl": Dahl(gain=0.593e-6, stiffness=0.251e-6, limit=5.3e-6),
     "dahl_power": Dahl(gain=0.593e-6, stiffness=0.251e-6, limit=5.3e-6, exponent=1.4),
     "dahl_sharp": Dahl(gain=0.593e-6, stiffness=0.251e-6, limit=5.3e-6, exponent=0.4),

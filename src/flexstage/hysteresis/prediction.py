@@ -27,7 +27,7 @@ from flexstage.hysteresis.identification.cycles import (
     warm_up,
 )
 from flexstage.hysteresis.identification.faults import denoised, input_noise_warning
-from flexstage.hysteresis.identification.measurement import require_usable
+from flexstage.hysteresis.identification.measurement import RecordEnds, require_usable
 from flexstage.hysteresis.identification.residuals import root_mean_square
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.model_file import ModelFile, read_model_file
@@ -50,6 +50,7 @@ _NO_CYCLE = (
     "the record has no complete cycle: its initial memory is assumed to be that of cycles over the "
     "full range, and every sample is counted"
 )
+_ONE_PERIOD = "the record is one period, taken as repeated: every sample is counted"
 #: Errors over all records.
 _ERRORS = "as_predicted_rms_percent", "free_constant_rms_percent"
 
@@ -254,6 +255,11 @@ def predict(
         after, notes = _after_records(model, earlier, record, input_column, output_column)
     u, first, noise = _command(input_channel.values, y)
     moves = cycles(u[first:], dt, noise)
+    if after == "auto" and np.isfinite(y).all():
+        ends = RecordEnds.of(u[first:], y[first:])
+        if ends.show_period:
+            period = u[first:][: ends.samples]
+            after, notes = model.response(period, dt, model.before(math.inf))[1], (_ONE_PERIOD,)
     is_known, has_cycle = isinstance(after, DriveState), moves.bounds.size > 1
     begin = 0 if is_known else first + (warm_up(u[first:], moves) if has_cycle else 0)
     # a median, as the model does not include the first samples after a jump

@@ -67,8 +67,8 @@ class IdentifyRequest(Request):
     """Identification of the hysteresis, lag, creep and resonance of a drive."""
 
     model: Annotated[tuple[str, ...], Written("NAME", commas=True)] = ("auto",)
-    """A hysteresis model, or several separated by commas, of bouc-wen, maxwell-slip,
-    modified-prandtl-ishlinskii, preisach (auto tries these four), asymmetric-bouc-wen, dahl, duhem,
+    """A hysteresis model, or several separated by commas, of line, bouc-wen, maxwell-slip,
+    modified-prandtl-ishlinskii, preisach (auto tries these five), asymmetric-bouc-wen, dahl, duhem,
     generalised-bouc-wen, prandtl-ishlinskii. The simplest model is chosen that predicts held-out
     cycles as well as the best.
     """
@@ -80,16 +80,26 @@ class IdentifyRequest(Request):
     """Known values of the drive, which are not identified, such as "resonance=808 Hz,damping=0.01"
     or "delay=5 ms,creep=1.2 %".
     """
-    temperature: (
-        Annotated[tuple[float, float], DIMENSIONS["temperature"], Written("LOW[:HIGH]", bare="K")]
-        | None
-    ) = None
-    """Temperature of the record, such as "294.5:296" in K; stored in the model file."""
+    periodic: bool = False
+    """Each record is one whole period of a steady motion, which may begin anywhere (default: where
+    it has one major cycle and its first and last row agree).
+    """
     zero: Zero = "one"
     """Zero of the output: one of all records; each: every record has its own constant, as of an
     interferometer, an encoder or an AC coupling; drift: and a linear drift. Neither is in the
     model.
     """
+
+    def __post_init__(self) -> None:
+        super(IdentifyRequest, self).__post_init__()
+        for option, value in (
+            ("--train", self.train is not None),
+            ("--zero drift", self.zero == "drift"),
+        ):
+            if self.periodic and value:
+                raise ModelError(
+                    f"--periodic is for a steady motion without its time: omit {option}"
+                )
 
 
 def rowwise(request: IdentifyRequest) -> IdentifyRequest:

@@ -51,7 +51,7 @@ EDITS: Edits = {
     "no rate of creep": ("rate_per_decade: 0.012, ", ""),
     "no model": without("  model: prandtl-ishlinskii"),
     "a model near one": ("model: prandtl-ishlinskii", "model: prandtl-ishlinski"),
-    "a model near none": ("model: prandtl-ishlinskii", "model: ising"),
+    "a model near none": ("model: prandtl-ishlinskii", "model: coulomb"),
     "a number as model": ("model: prandtl-ishlinskii", "model: 7"),
     "a list as model": ("model: prandtl-ishlinskii", "model: [dahl]"),
     "another model": ("model: prandtl-ishlinskii", "model: dahl"),

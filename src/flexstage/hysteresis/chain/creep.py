@@ -20,9 +20,10 @@ from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, checked, samples
 
-#: Motion of a drive before the first command: it rested there for long; or it moved as after the
-#: first command, for a time [s] since the low end of its range, which may be infinite.
-Start = Literal["rested"] | float
+#: Motion of a drive before the first command: it rested there for long; it repeated the motion, of
+#: which the first and the last sample are the same; or it moved as after the first command, for a
+#: time [s] since the low end of its range, which may be infinite.
+Start = Literal["rested", "periodic"] | float
 
 
 class Creep(ChainElement):
@@ -311,14 +312,22 @@ def creep_start(creep: Creep, x: Array, dt: float, start: Start | Array) -> Arra
 
     Creep has a longer memory than any record. After a rest at the first command, all lags have
     settled there; after motion for a time t since the low end of the range, each lag has moved from
-    there to the mean of the motion by ``1 - exp(-t / tau)``. The input x is the output of the
-    hysteresis, shape (n,), or several of them, (m, n), as is the state one step before the first
-    sample. A number as `start` is the time of motion [s]; an array is the state itself.
+    there to the mean of the motion by ``1 - exp(-t / tau)``. In steady periodic motion each lag
+    returns to its state, by ``exp(-T / tau)`` of any deviation after a period T. The input x is the
+    output of the hysteresis, shape (n,), or several of them, (m, n), as is the state one step
+    before the first sample. A number as `start` is the time of motion [s]; an array is the state.
     """
     if isinstance(start, np.ndarray):
         return start
     state = x[..., :1] * creep.settled(1.0, dt)
-    if start != "rested":
+    if start == "periodic":
+        period = x[..., :-1]
+        state[..., 0] = period[..., -1]
+        after = np.atleast_2d(state).copy()
+        creep.simulate_rows(np.atleast_2d(period), dt, after)
+        change = after.reshape(state.shape)[..., 1:] - state[..., 1:]
+        state[..., 1:] += change / decay_share(period.shape[-1] * dt / creep.time_constants)
+    elif start != "rested":
         mean, low = (by(x, axis=-1, keepdims=True) for by in (np.mean, np.min))
         state[..., 1:] = mean + (low - mean) * np.exp(-start / creep.time_constants)
     return state

@@ -321,8 +321,9 @@ def _with_other_creep(model: _CoarseModel, chain: ChainValues) -> Iterator[_Coar
     longest = max(s.u.size * s.dt for s in sections)
     starts: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
     for start in starts:
-        if any(s.start != start for s in sections):
-            yield model.with_creep([replace(s, start=start) for s in sections], None)
+        if any(s.start != start for s in sections if not s.periodic):
+            others = [s if s.periodic else replace(s, start=start) for s in sections]
+            yield model.with_creep(others, None)
     if chain.spectrum is not None and chain.creep.lag_gains[-1] <= _THRESHOLDS.usual_creep:
         yield model.with_creep(sections, chain.spectrum)
 

@@ -120,7 +120,7 @@ class ChainResidual:
     def set_starts(self, starts: Sequence[Start]) -> None:
         """Set the motion of the drive before each record, for its creep."""
         for i, (start, section) in enumerate(zip(starts, self._data.sections, strict=True)):
-            if start != section.start:
+            if start != section.start and not section.periodic:
                 self._replace_section(i, replace(section, start=start))
 
     def set_memory(self, i: int, memory: str) -> None:
@@ -187,7 +187,11 @@ class ChainResidual:
                 self._both[i] = np.ascontiguousarray(np.hstack(both)[section.history :])
             at = self._data.rows[i].at[use]
             first = at - section.history - late
-            columns = [self._both[i][np.maximum(k, 0)] for k in (first, first - 1)]
+            last = self._both[i].shape[0] - 1
+            columns = [
+                self._both[i][k % last if section.periodic else np.maximum(k, 0)]
+                for k in (first, first - 1)
+            ]
             self._products[i, late] = normal_equations(
                 np.concatenate(columns, axis=1), section.nuisance[at], section.y[at]
             )

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,14 @@ from flexstage.hysteresis.identification.measurement import (
     with_history,
     without_history,
 )
+from flexstage.hysteresis.identification.model_fit import (
+    FitData,
+    behind_chain,
+    equations,
+)
+from flexstage.hysteresis.identification.projection import residual_square, solve
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
+from flexstage.hysteresis.models.line.law import Line
 
 #: The usual motion before a record is assumed unless another reduces the residual by this factor.
 _BETTER = 0.99
@@ -210,8 +218,13 @@ def find_starts(
     """
     count = len(data.sections)
     best: tuple[Start, ...] = tuple(s.start for s in data.sections)
-    if not estimate.searched and estimate.values.creep_per_decade == 0.0:
+    no_creep = not estimate.searched and estimate.values.creep_per_decade == 0.0
+    if no_creep or data.shows_one_period:
         return best, 0.0
+
+    def of_each(start: Start) -> tuple[Start, ...]:
+        return tuple("periodic" if s.periodic else start for s in data.sections)
+
     search = ChainResidual(data, train)
     chain = replace(estimate.values, delay=0.0, creep_per_decade=0.0)
     if chain.resonance_hz > 0.0:
@@ -222,7 +235,7 @@ def find_starts(
     every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
     trials = []
     for start in every:
-        search.set_starts(best if start == every[0] else (start,) * count)
+        search.set_starts(best if start == every[0] else of_each(start))
         if not estimate.searched or (start == every[0] and len(data.rates_hz) > 1):
             trial_chain = estimate.values
         elif delay_known:
@@ -238,7 +251,7 @@ def find_starts(
     least, values = residuals[0], trials[0][2]
     for start, rms, (_, _, trial_chain) in zip(every[1:], residuals[1:], trials[1:], strict=True):
         if rms < _BETTER * least:
-            best, least, values = (start,) * count, rms, trial_chain
+            best, least, values = of_each(start), rms, trial_chain
     # a start is possible by either residual: offsets may differ for an unknown reason
     least_of = [min(trial[k] for trial in trials) for k in (0, 1)]
     width = max(
@@ -248,7 +261,7 @@ def find_starts(
     )
     if count > 1 and values.creep_per_decade > 0.0:
         for i in range(count):
-            for start in every:
+            for start in every if not data.sections[i].periodic else ():
                 trial = (*best[:i], start, *best[i + 1 :])
                 search.set_starts(trial)
                 rms = residual(values)
@@ -262,12 +275,13 @@ def _with_delay(
     search: ChainResidual, start: ChainValues, delay_error: float, data: IdentificationData
 ) -> ChainEstimate:
     """Estimate creep, with all other values known."""
-    best = _creep(search, start)
-    errors = {"delay": delay_error, **_errors(search, best, ("creep_per_decade",), data)}
+    names = ("creep_per_decade",) if _shows_creep(data) else ()
+    best = _creep(search, start) if names else start
+    errors = {"delay": delay_error, **_errors(search, best, names, data)}
     notes = _at_limits(best, math.inf)
     return ChainEstimate(
         values=best,
-        searched=("creep_per_decade",),
+        searched=names,
         rms=search.rms(best),
         errors=errors,
         notes=notes,
@@ -279,10 +293,13 @@ def _by_cycles(
 ) -> ChainEstimate:
     """Estimate the chain from cycles alone."""
     longest = _longest_delay(data)
-    best = _delay_and_creep(search, start, longest)
-    if len(data.rates_hz) < 2:
-        best = _with_usual_creep(search, best, longest)
-    names: tuple[str, ...] = ("delay", "creep_per_decade")
+    names: tuple[str, ...] = ("delay",)
+    if not _shows_creep(data):
+        best = _delay(search.rms, start, longest)
+    else:
+        best, names = _delay_and_creep(search, start, longest), (*names, "creep_per_decade")
+        if len(data.rates_hz) < 2:
+            best = _with_usual_creep(search, best, longest)
     rms = search.rms(best)
     with_mode = _resonance(search, best, data, longest) if modes else None
     if with_mode is not None and search.rms(with_mode) < (1.0 - _REDUCTION) * rms:
@@ -302,18 +319,13 @@ def _with_usual_creep(search: ChainResidual, best: ChainValues, longest: float) 
     drives of another kind.
     """
     fitted, usual = best.creep_per_decade, _USUAL_CREEP
-    shortest: Any = minimize_scalar(
-        lambda x: search.rms(replace(best, delay=float(x), creep_per_decade=usual)),
-        bounds=(0.0, longest),
-        method="bounded",
-        options={"xatol": 1e-3 * longest},
-    )
+    shortest = _delay(search.rms, replace(best, creep_per_decade=usual), longest).delay
 
     def between(share: float) -> ChainValues:
         # along the valley of the residual: more creep goes with less delay
         return replace(
             best,
-            delay=best.delay + share * (float(shortest.x) - best.delay),
+            delay=best.delay + share * (shortest - best.delay),
             creep_per_decade=fitted + share * (usual - fitted),
         )
 
@@ -327,6 +339,39 @@ def _with_usual_creep(search: ChainResidual, best: ChainValues, longest: float) 
     t = np.maximum(worse.mean(axis=1), 0.0) / np.maximum(error, 1e-300)
     unusual = (1.0 - shares) * (fitted - usual) / _CREEP_RANGE
     return between(float(shares[int(np.argmin(t**2 + 2.0 * np.log1p(unusual**2)))]))
+
+
+def _shows_creep(data: IdentificationData) -> bool:
+    """Return false for periods of one rate: steady creep is an ellipse there, as hysteresis is."""
+    return len(data.rates_hz) > 1 or not data.shows_one_period
+
+
+def other_chains(data: FitData, estimate: ChainEstimate, kind: str) -> tuple[ChainEstimate, ...]:
+    """Return simpler chains that a model is also tried with.
+
+    The estimated chain is that of any hysteresis of the dictionary, which takes its errors for lag:
+    without a second rate or an earlier motion nothing contradicts that, and no lag is tried, too. A
+    straight line is tried without lag and with a delay alone: creep at one rate is weighted with
+    that of piezo stacks, which a drive without hysteresis need not have.
+    """
+    if "delay" not in estimate.searched:
+        return ()
+    none = replace(estimate.values, delay=0.0, creep_per_decade=0.0, spectrum=None)
+    chains = (none,) if kind == Line.kind or not _shows_creep(data) else ()
+    if kind == Line.kind:
+        chains = none, _delay(partial(rms_of_line, data), none, _longest_delay(data))
+    errors = {n: e for n, e in estimate.errors.items() if n != "creep_per_decade"}
+    searched = tuple(n for n in estimate.searched if n in errors)
+    return tuple(
+        replace(estimate, values=chain, searched=searched, errors=errors) for chain in chains
+    )
+
+
+def rms_of_line(data: FitData, chain: ChainValues) -> float:
+    """Return the rms residual of a straight line behind a chain, in the unit of the output."""
+    part = replace(data, chain=chain, memo={})
+    normal = equations(behind_chain([s.u[:, None] for s in data.sections], part), part)
+    return math.sqrt(max(residual_square(normal, solve(normal)), 0.0) / normal.count)
 
 
 def _longest_delay(data: IdentificationData) -> float:
@@ -416,6 +461,18 @@ def _creep(search: ChainResidual, start: ChainValues) -> ChainValues:
         options={"xatol": 1e-5},
     )
     return replace(start, creep_per_decade=float(minimum.x))
+
+
+def _delay(rms: Callable[[ChainValues], float], start: ChainValues, longest: float) -> ChainValues:
+    """Find the delay, with all other values known; zero if no other is better."""
+    minimum: Any = minimize_scalar(
+        lambda x: rms(replace(start, delay=float(x))),
+        bounds=(0.0, longest),
+        method="bounded",
+        options={"xatol": 1e-3 * longest},
+    )
+    none = replace(start, delay=0.0)
+    return replace(start, delay=float(minimum.x)) if minimum.fun < rms(none) else none
 
 
 def _delay_and_creep(search: ChainResidual, start: ChainValues, longest: float) -> ChainValues:

@@ -123,7 +123,9 @@ class RecordSection:
     history: int = 0
     """Number of first samples that represent that motion, and were not measured."""
     start: Start = "rested"
-    """Motion of the drive before the record, for its creep."""
+    """Motion of the drive before the record, for its creep; if periodic, the section is one period,
+    from its low end back to a copy of the same sample.
+    """
     measured: NDArray[np.bool_] | None = None
     """True for measured samples of the output, shape (n,); others are interpolated. None if all
     were measured.
@@ -132,8 +134,15 @@ class RecordSection:
     """True for means that represent their samples, shape (n,); all if None."""
 
     @property
+    def periodic(self) -> bool:
+        """True for one period of a steady motion."""
+        return self.start == "periodic"
+
+    @property
     def both_ends(self) -> int:
         """Sample at which the input has reached both ends of its range: no memory is left then."""
+        if self.periodic:
+            return 0
         return self.history + _both_ends(self.u[self.history :], self.cycles)
 
 
@@ -233,7 +242,7 @@ def turning_points(u: Array, threshold: float) -> NDArray[np.intp]:
     return indices[:count].copy()
 
 
-def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
+def cycles(u: Array, dt: float, noise_taken: float = 0.0, *, period: bool = False) -> Cycles:
     """Find the cycles of a drive signal.
 
     Parameters
@@ -244,6 +253,8 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
         Time from one sample to the next [s].
     noise_taken : float
         Standard deviation of the noise that was mostly removed from it.
+    period : bool
+        True for one period, from its low end back to it, which is a turning point.
 
     Returns
     -------
@@ -264,7 +275,7 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
     turning = turning_points(u, max(_THRESHOLDS.swing * (high - low), least))
     lower = turning[1:] if turning.size and _is_high(u, turning) else turning
     bounds = lower[::2]
-    if bounds.size < _THRESHOLDS.few:
+    if period or bounds.size < _THRESHOLDS.few:
         bounds = _with_ends(u, bounds, low + _THRESHOLDS.low_end * (high - low))
     count = max(bounds.size - 1, 0)
     swing, frequency = np.zeros(count), np.zeros(count)
@@ -273,6 +284,8 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
         size = float(np.ptp(part))
         swing[i] = size / (high - low)
         frequency[i] = 1.0 / (dt * _moving_time(part, noise))
+    if period:
+        turning = np.append(0, turning)
     return Cycles(
         bounds=bounds, swing=swing, frequency_hz=frequency, turning=turning, range=(low, high)
     )

@@ -28,6 +28,8 @@ _OMITTED = 0.04
 _BLUNT = 3e-4
 #: Largest number of rows of a fit; the models are simulated at every sample.
 _MOST_ROWS = 30_000
+#: Parts of a period that take the place of cycles.
+_PERIOD_PARTS = 10
 #: Number of values that are filtered at once, which limits the memory.
 _BLOCK = 4_000_000
 
@@ -40,9 +42,9 @@ def averaged(section: RecordSection, most: int, loose: float = 1.0) -> RecordSec
     from straight lines between means, as in sharp turns, jumps and tones, the hysteresis of a mean
     is not the mean of the hysteresis: those means are omitted from fits. Blocks are short enough
     that they are few, and that turning points remain. `loose` is a factor on these limits. The
-    section is returned unchanged if it is short enough or too fast.
+    section is returned unchanged if it is short enough, too fast, or one period.
     """
-    if section.measured is not None:
+    if section.measured is not None or section.periodic:
         return section
     measured = without_history(section)
     every = -(-measured.u.size // most)
@@ -191,12 +193,15 @@ def rows_of(sections: Sequence[RecordSection], most: int = _MOST_ROWS) -> tuple[
     every = max(1, -(-total // most))
     rows = []
     for s in sections:
-        at = np.arange(s.warm_up, s.u.size, every)
+        stop = s.u.size - s.periodic  # without the copy of the first sample
+        at = np.arange(s.warm_up, stop, every)
         for mask in (s.straight, s.measured):
             at = at if mask is None else at[mask[at]]
         # rows before the first and after the last cycle belong to their neighbour
         cycle = np.searchsorted(s.cycles.bounds, at, side="right")
         cycle = np.clip(cycle, 1, max(s.cycles.swing.size, 1))
+        if s.periodic:  # parts of the only period are held out: its copies would be no evidence
+            cycle = 1 + (at - s.warm_up) * _PERIOD_PARTS // (stop - s.warm_up)
         rows.append(Rows(at=at, cycle=cycle))
     return tuple(rows)
 
@@ -207,7 +212,8 @@ def filtered(columns: Array, section: RecordSection, rows: Rows, chain: ChainVal
     columns, first = columns[section.history :], rows.at - section.history
     n, m = columns.shape
     behind = np.empty((m, first.size))
-    at = np.clip(first - chain.delay / section.dt, 0.0, n - 1.0)
+    at = first - chain.delay / section.dt
+    at = at % (n - 1.0) if section.periodic else np.clip(at, 0.0, n - 1.0)
     before = np.minimum(at.astype(np.intp), n - 2)
     share = np.asarray(at - before, dtype=np.float64)
     for block in _column_blocks(n, m):
@@ -239,7 +245,10 @@ def _dynamic(columns: Array, section: RecordSection, chain: ChainValues) -> Arra
         starts = creep_start(creep, columns, dt, section.start)
         columns = creep.simulate_rows(columns, dt, starts)
     if modes is not None:
-        columns = np.array([modes.simulate(column, dt).values for column in columns])
+        n = columns.shape[1]
+        if section.periodic:  # ringing fades within a period
+            columns = np.concatenate((columns[:, :-1], columns), axis=1)
+        columns = np.array([modes.simulate(column, dt).values[-n:] for column in columns])
     return columns
 
 

@@ -20,6 +20,7 @@ from flexstage.hysteresis.identification.chain_search import (
     find_chain,
     find_memories,
     find_starts,
+    other_chains,
 )
 from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.fit_rows import (
@@ -124,7 +125,10 @@ def identify(
     names = selected_models(request.model)
     sources = [records] if isinstance(records, Record) else list(records)
     train = train_range(request.train, sources)
-    data = measurement(sources, input_column, output_column, zero=request.zero)
+    # numbers of samples and a drift belong to a record over time
+    is_over_time = train is not None or request.zero == "drift"
+    periodic = request.periodic or (False if is_over_time else None)
+    data = measurement(sources, input_column, output_column, zero=request.zero, periodic=periodic)
     progress.update("linear chain", 0.0)
     _data(data, ChainValues(), train)  # refuses a range with too few samples
     data, estimate = _chain_and_start(data, chain, train, resonance)
@@ -138,26 +142,31 @@ def identify(
     fitted_rows = _data(short, estimate.values, train)
     still = train is not None and stands_still(fitted_rows)
     model_fits: dict[str, FittedModel] = {}
+    chains: dict[str, tuple[FitData, ChainEstimate]] = {}
     failed: list[Candidate] = []
     for i, name in enumerate(names):
         progress.update(MODELS[name].title, 0.2 + 0.8 * i / len(names))
         try:
-            model_fits[name] = fit_model(fits()[name], fitted_rows, validate=train is None or still)
+            for other in (*other_chains(fitted_rows, estimate, name), estimate):
+                same = other is estimate
+                behind = fitted_rows if same else replace(fitted_rows, chain=other.values, memo={})
+                trial = fit_model(fits()[name], behind, validate=train is None or still)
+                if name not in model_fits or trial.score(behind) < model_fits[name].score(behind):
+                    model_fits[name], chains[name] = trial, (behind, other)
         except ModelError as error:
             reason = f"it cannot be fitted to this record: {error}"
             failed.append(Candidate(kind=name, size=fits()[name].size, failed=reason))
     if not model_fits:
         raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
     selected, candidates = choose(model_fits, fitted_rows)
-    result = _result(model_fits[selected], (*candidates, *failed), fitted_rows, estimate, train)
-    result = replace(
+    result = _result(model_fits[selected], (*candidates, *failed), *chains[selected], train)
+    return replace(
         result,
         request=request,
         records=tuple(record.source for record in sources),
         notes=tuple(sorted({note for record in sources for note in record.notes})),
         settings={**result.settings, "fitted": _fitted(sources, data, train)},
     )
-    return result if request.temperature is None else _at(result, request.temperature)
 
 
 def _chain_and_start(
@@ -194,7 +203,7 @@ def _fitted(
     parts = []
     for record, s in zip(records, data.sections, strict=True):
         first = s.first + s.warm_up - s.history
-        stop = record.size
+        stop = first + s.u.size - s.warm_up - s.periodic
         if train is not None:
             first, stop = max(first, train[0]), min(stop, train[1])
         if stop <= first:
@@ -211,17 +220,6 @@ def _times_in_file(record: Record) -> Array:
     if numbers is None or np.isnan(numbers).any():
         return since
     return since + float(numbers[0] * since[-1] / (numbers[-1] - numbers[0]))
-
-
-def _at(result: Identification, temperature: tuple[float, float]) -> Identification:
-    """Add the temperature to the validity range of a model."""
-    if not 0.0 < temperature[0] <= temperature[1] < 2000.0:
-        raise ModelError(
-            f"the temperature must be a rising range in K, such as 294 to 297, got {temperature!r}"
-        )
-    assert result.model.validity is not None
-    validity = replace(result.model.validity, temperature=temperature)
-    return replace(result, model=replace(result.model, validity=validity))
 
 
 def _data(data: IdentificationData, chain: ChainValues, train: tuple[int, int] | None) -> FitData:
@@ -299,7 +297,7 @@ def _as_measured(section: RecordSection) -> RecordSection:
 def _before(best: FittedModel, data: FitData) -> tuple[float, tuple[Start, ...]]:
     """Largest change of readings by earlier motion, and the starts that fit equally well."""
     sections = data.sections
-    assumed = sections[0].start
+    assumed = _known_start(sections[0])
     if data.chain.creep_per_decade == 0.0:
         return 0.0, (assumed,)
     quasi = [best.fit.model.simulate(s.u).values[:, None] for s in sections]
@@ -316,6 +314,8 @@ def _before(best: FittedModel, data: FitData) -> tuple[float, tuple[Start, ...]]
     possible: list[Start] = [s for s, value in rms.items() if value <= _EQUAL * rms[assumed]]
     every = [np.concatenate(outputs[s]) for s in ("rested", 0.0, math.inf)]
     settling = float(np.max(np.ptp(every, axis=0)))
+    if sections[0].periodic:
+        return settling, (assumed,)
     if "rested" in possible and np.max(np.abs(every[0] - every[1])) < _SAME_START * settling:
         possible = [s for s in possible if s != 0.0]  # a rest at the low end
     return settling, tuple(possible)
@@ -327,6 +327,11 @@ def _chain(estimate: ChainEstimate) -> tuple[ParameterEstimate, ...]:
         ParameterEstimate(name=name, value=getattr(estimate.values, name), standard_error=error)
         for name, error in estimate.errors.items()
     )
+
+
+def _known_start(section: RecordSection) -> Start:
+    """Start of a record for other motions: after many periods, it is motion for long."""
+    return math.inf if section.periodic else section.start
 
 
 def _drive_model(best: FittedModel, data: FitData) -> DriveModel:
@@ -350,7 +355,7 @@ def _drive_model(best: FittedModel, data: FitData) -> DriveModel:
             output_range=(float(min(e.min() for e in ends)), float(max(e.max() for e in ends))),
             rate_range_hz=(rates[0], rates[-1]),
         ),
-        start=data.sections[0].start,
+        start=_known_start(data.sections[0]),
         zero=data.zero,
     )
 

@@ -13,7 +13,9 @@ from flexstage.hysteresis.identification.cycles import (
     cycles,
     first_moving,
     held_samples,
+    input_noise,
     memories,
+    turning_points,
     warm_up,
 )
 from flexstage.hysteresis.identification.faults import (
@@ -36,6 +38,33 @@ _NARROW_LOOP = 0.004
 _UNRELATED = 0.1
 #: Ranges of a column whose squares and products are finite.
 _SMALLEST, _LARGEST = 1e-60, 1e60
+
+
+@dataclass(frozen=True, slots=True)
+class _Period:
+    """Limits of a record that is one period of a steady motion."""
+
+    major: float = 0.9
+    """Smallest swing of the one major cycle, as a share of the range, as elsewhere."""
+    cycles: int = 2
+    """Most complete cycles of a record that is taken for a period by itself: with more of them the
+    record shows by its own cycles how far they repeat.
+    """
+    steps: float = 1.5
+    """Largest gap between the ends of a period, over the steps there: without a closing row it is
+    one step.
+    """
+    noise: float = 5.0
+    """The same, over the standard deviation of the noise."""
+    largest_gap: float = 0.1
+    """Largest gap beyond these of a record that is said to be a period, as a share of the range."""
+    repeats: int = 4
+    """Periods before the record, after which also a memory that only fades repeats."""
+    samples: int = 20
+    """Fewest samples, as of a table: turning points must remain."""
+
+
+_PERIOD = _Period()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,6 +99,11 @@ class IdentificationData:
         )
 
     @property
+    def shows_one_period(self) -> bool:
+        """True if every record is one period of a steady motion."""
+        return all(s.periodic for s in self.sections)
+
+    @property
     def rates_hz(self) -> tuple[float, ...]:
         """Rates of the cycles of all records, that differ by more than half [Hz]."""
         return rates_of([f for s in self.sections for f in s.cycles.rates_hz])
@@ -81,6 +115,7 @@ def measurement(
     output_column: str | int,
     *,
     zero: Zero = "one",
+    periodic: bool | None = None,
 ) -> IdentificationData:
     """Prepare records for identification, after checking that they are suitable.
 
@@ -94,6 +129,9 @@ def measurement(
         The column that follows.
     zero : {"one", "each", "drift"}
         Zero of the output; a drift of constant speed is fitted to each record, with the model.
+    periodic : bool, optional
+        True if each record is one period of a steady motion; where not given, records are that
+        close and have one major cycle.
 
     Returns
     -------
@@ -119,7 +157,7 @@ def measurement(
     if len(units) > 1:
         raise RecordError(f"the records have different units: {sorted(units)}; give them by option")
     for r, i, o in pairs:
-        require_usable(r, i, o)
+        require_usable(r, i, o, _PERIOD.samples if periodic else 50)
     complete = [bool(np.isfinite(o.values).all()) for _, _, o in pairs]
     no_spikes = np.zeros(0, dtype=np.intp)
     despiked = [
@@ -130,10 +168,11 @@ def measurement(
         (r, i, replace(o, values=y)) for (r, i, o), (y, _) in zip(pairs, despiked, strict=True)
     ]
     sign = _sign(pairs)
-    sections = tuple(
-        _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source, zero)
+    prepared = [
+        _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source, zero, periodic)
         for r, i, o in pairs
-    )
+    ]
+    sections, open_ends = tuple(s for s, _ in prepared), tuple(text for _, text in prepared if text)
     _require_order(sections, pairs[0][1].name, pairs[0][2].name)
     stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
     data = IdentificationData(
@@ -152,7 +191,7 @@ def measurement(
     ]
     return replace(
         data,
-        warnings=_warnings(data),
+        warnings=(*open_ends, *_warnings(data)),
         findings=tuple(f for section_findings in findings for f in section_findings),
     )
 
@@ -166,13 +205,15 @@ def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
     return tuple(rates)
 
 
-def require_usable(record: Record, input_channel: Channel, output_channel: Channel) -> None:
+def require_usable(
+    record: Record, input_channel: Channel, output_channel: Channel, least: int = 50
+) -> None:
     """Refuse an unusable input or output.
 
     Samples of the output may be missing where the record has none, as in a table of branches.
     """
-    _require_column(record, input_channel, gaps=False)
-    _require_column(record, output_channel, gaps=True)
+    _require_column(record, input_channel, least, gaps=False)
+    _require_column(record, output_channel, least, gaps=True)
     if not record.uniform:
         raise RecordError(
             f"{record.source or 'the record'} is not uniformly sampled: resample it at a constant "
@@ -180,11 +221,11 @@ def require_usable(record: Record, input_channel: Channel, output_channel: Chann
         )
 
 
-def _require_column(record: Record, channel: Channel, *, gaps: bool) -> None:
+def _require_column(record: Record, channel: Channel, least: int, *, gaps: bool) -> None:
     where = f"column '{channel.name}' of {record.source or 'the record'}"
-    values, least = channel.values, 50
+    values = channel.values
     if gaps and record.numbers is not None and np.isnan(record.numbers).any():
-        values, least = values[~np.isnan(record.numbers)], 20
+        values, least = values[~np.isnan(record.numbers)], _PERIOD.samples
     if values.size < least:
         raise RecordError(f"{where} has {values.size} samples: at least {least} are needed")
     if not np.all(np.isfinite(values)):
@@ -221,9 +262,16 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
     return signs[0]
 
 
-def _section(u: Array, y: Array, dt: float, source: str, zero: Zero) -> RecordSection:
-    first = first_moving(u)
+def _section(
+    u: Array, y: Array, dt: float, source: str, zero: Zero, periodic: bool | None
+) -> tuple[RecordSection, str]:
+    """Return a prepared record, and a warning about its ends."""
+    source = source or "the record"
+    loop = None if periodic is False else _closed_loop(u, y, source, bool(periodic))
+    first, warning = first_moving(u), ""
     u, y = u[first:], y[first:]
+    if loop is not None:
+        u, y, first, warning = loop
     measured = np.isfinite(y)
     noise_removed = 0.0
     if measured.all():
@@ -231,37 +279,116 @@ def _section(u: Array, y: Array, dt: float, source: str, zero: Zero) -> RecordSe
     else:
         at = np.arange(y.size)
         y = np.interp(at, at[measured], y[measured])
-    moves = cycles(u, dt, noise_removed)
+    moves = cycles(u, dt, noise_removed, period=loop is not None)
     if moves.bounds.size < 2:
         raise RecordError(
-            f"the input of {source or 'the record'} has no complete cycle, from one lower turning "
-            "point to the next: identification needs at least one, better five, over the range of "
-            "use"
+            f"the input of {source} has no complete cycle, from one lower turning point to the "
+            "next: identification needs at least one, better five, over the range of use; if it is "
+            "one whole period of a steady motion, add --periodic"
         )
     # third differences contain the noise, and hardly any smooth motion
     noise = difference_noise(y, 3)
-    return with_history(
-        RecordSection(
-            u=np.ascontiguousarray(u),
-            y=np.ascontiguousarray(y),
-            dt=dt,
-            cycles=moves,
-            warm_up=warm_up(u, moves),
-            # 1, and time over duration for a drift
-            nuisance=np.linspace(0.0, 1.0, u.size)[:, None] ** np.arange(1 + (zero == "drift")),
-            noise=noise,
-            input_noise=noise_removed,
-            first=first,
-            begin=first * dt,
-            measured=None if measured.all() else measured,
-        )
+    section = RecordSection(
+        u=np.ascontiguousarray(u),
+        y=np.ascontiguousarray(y),
+        dt=dt,
+        cycles=moves,
+        warm_up=warm_up(u, moves) if loop is None else 0,
+        # 1, and time over duration for a drift
+        nuisance=np.linspace(0.0, 1.0, u.size)[:, None] ** np.arange(1 + (zero == "drift")),
+        noise=noise,
+        input_noise=noise_removed,
+        first=first,
+        begin=first * dt,
+        start="rested" if loop is None else "periodic",
+        measured=None if measured.all() else measured,
     )
+    return with_history(section), warning
+
+
+@dataclass(frozen=True, slots=True)
+class RecordEnds:
+    """How a record closes if it is repeated."""
+
+    samples: int
+    """Samples of the period, without a closing row."""
+    major_cycles: float
+    """Major cycles of a period."""
+    cycles: int
+    """All cycles of a period."""
+    gaps: tuple[float, float]
+    """Gaps of input and output between its ends beyond steps and noise, as shares of the ranges."""
+
+    @classmethod
+    def of(cls, u: Array, y: Array) -> "RecordEnds":
+        """Find the gaps of a complete record."""
+        repeated, steps = np.tile(u, 3), (abs(u[1] - u[0]), abs(u[-1] - u[-2]))
+        major = turning_points(repeated, _PERIOD.major * float(np.ptp(u)))
+        return cls(
+            samples=u.size - int(abs(u[-1] - u[0]) <= 0.5 * min(steps)),
+            major_cycles=0.5 * np.count_nonzero(major // u.size == 1),
+            cycles=int(np.count_nonzero(cycles(repeated, 1.0).bounds // u.size == 1)),
+            gaps=(_gap(u, input_noise(u)), _gap(y, difference_noise(y, 3))),
+        )
+
+    @property
+    def show_period(self) -> bool:
+        """True for one major cycle that closes.
+
+        A cycle that ends by chance at the reading of its begin is taken for a period, too.
+        """
+        few = self.major_cycles == 1.0 and self.cycles <= _PERIOD.cycles
+        return few and max(self.gaps) <= 0.0
+
+
+def _gap(x: Array, noise: float) -> float:
+    allowed = _PERIOD.steps * max(abs(x[1] - x[0]), abs(x[-1] - x[-2])) + _PERIOD.noise * noise
+    return max(float(abs(x[-1] - x[0]) - allowed), 0.0) / float(np.ptp(x))
+
+
+def _closed_loop(
+    u: Array, y: Array, source: str, stated: bool
+) -> tuple[Array, Array, int, str] | None:
+    """Return one period from its low end back to it, its first sample, and a warning of its ends.
+
+    None if a record is not stated to be a period and does not show one.
+    """
+    first = int(np.argmax(np.isfinite(y)))  # rows before it only set the memory of a table
+    first += 0 if stated else first_moving(u[first:])
+    u, y = u[first:], y[first:]
+    if not np.isfinite(y).all():
+        if stated:
+            raise RecordError(f"{source} has unmeasured rows inside: omit --periodic")
+        return None
+    ends = RecordEnds.of(u, y)
+    if stated and (ends.major_cycles != 1.0 or max(ends.gaps) > _PERIOD.largest_gap):
+        raise RecordError(
+            f"{source} has {ends.major_cycles:g} major cycles, and its ends differ by "
+            f"{100 * ends.gaps[0]:.2g} % of the input range and {100 * ends.gaps[1]:.2g} % of the "
+            "output range beyond noise: --periodic needs one major cycle and ends that differ by "
+            f"at most {100 * _PERIOD.largest_gap:g} %; select one period by --rows, or omit "
+            "--periodic"
+        )
+    if not stated and not ends.show_period:
+        return None
+    n = ends.samples
+    order = (int(np.argmin(u[:n])) + np.arange(n + 1)) % n
+    warning = (
+        f"the ends of {source} differ by {100 * ends.gaps[1]:.2g} % of the output range beyond "
+        "noise: the motion was not steady, or the sensor drifts or jumps within the period"
+    )
+    return u[order], y[order], first, warning if ends.gaps[1] > 0.0 else ""
 
 
 def with_history(section: RecordSection) -> RecordSection:
-    """Return a section that begins with the motion that set its memory."""
+    """Return a section that begins with the motion that set its memory.
+
+    Before one period that is the turning points of several.
+    """
     moves = section.cycles
     before = memories(moves.range, section.u[0])[section.memory]
+    if section.periodic:
+        before = np.tile(section.u[moves.turning], _PERIOD.repeats)
     n = before.size
     straight, known = section.straight, section.measured
     return replace(
@@ -335,11 +462,17 @@ def _warnings(m: IdentificationData) -> tuple[str, ...]:
             "no minor loops: behaviour inside the major loop is not identified; record nested "
             "loops of decreasing or increasing amplitude as well"
         )
-    if sum(s.cycles.swing.size for s in m.sections) < 3:
+    over_time = [s for s in m.sections if not s.periodic]
+    if len(over_time) < len(m.sections):
+        warnings.append(
+            "one period, taken as repeated: held-out errors are those of parts of this period and "
+            "do not show how far another period, amplitude or rate differs; record five cycles"
+        )
+    elif sum(s.cycles.swing.size for s in m.sections) < 3:
         warnings.append(
             "fewer than three complete cycles: errors on held-out cycles are uncertain; record more"
         )
-    dwells = [readable("s", s.begin, digits=3) for s in m.sections if s.first > 0]
+    dwells = [readable("s", s.begin, digits=3) for s in over_time if s.first > 0]
     if dwells:
         warnings.append(f"initial dwell of {' and '.join(dict.fromkeys(dwells))} ignored")
     if max(_levels(s.u) for s in m.sections) < 10:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.model_fit import SAME, FitData, FitResult, ModelFit
@@ -64,6 +65,17 @@ class FittedModel:
         """Return the errors of the prediction at the fitted rows, over the stroke [%]."""
         return np.concatenate(self.residuals.predicted_at(data.use)) * (100.0 / data.stroke)
 
+    @property
+    def scored(self) -> HeldOut | None:
+        """Errors by which models are compared: held-out samples without motion are no test."""
+        return self.validation or self.held_out
+
+    def score(self, data: FitData) -> float:
+        """Return the rms error on held-out stretches, or else of the fit, over the stroke [%]."""
+        if self.scored is None:
+            return root_mean_square(self.errors_percent(data))
+        return self.scored.rms_percent
+
 
 def fit_model(method: ModelFit, data: FitData, *, validate: bool) -> FittedModel:
     """Fit a model, and cross-validate it on request."""
@@ -83,13 +95,11 @@ def fit_model(method: ModelFit, data: FitData, *, validate: bool) -> FittedModel
 def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple[Candidate, ...]]:
     """Select the simplest model that is as good as the best on held-out cycles, within noise."""
     rms = {n: root_mean_square(t.errors_percent(data)) for n, t in models.items()}
-    # held-out samples without motion are no test: the fitted samples are cross-validated then
-    scored = {n: t.validation or t.held_out for n, t in models.items()}
-    score = {n: rms[n] if one is None else one.rms_percent for n, one in scored.items()}
+    score = {n: t.score(data) for n, t in models.items()}
     # one that has no inverse cannot compensate, however well it fits
     usable = [n for n in score if _invertible(models[n])] or list(score)
     best = min(usable, key=lambda n: score[n])
-    scatter = {n: _by_chance(one, scored[best]) for n, one in scored.items()}
+    scatter = {n: _by_chance(t.scored, models[best].scored) for n, t in models.items()}
     # squares are compared, as they are means over the parts and their difference is normal; the
     # factor is a second bound, as one bad part makes the spread of a model as large as its excess
     close = [
@@ -119,8 +129,9 @@ def _invertible(model: FittedModel) -> bool:
 
 
 def _by_chance(one: HeldOut | None, best: HeldOut | None) -> float:
-    """Standard error of the difference of two held-out mean squares, by stretches [%^2]."""
+    """Largest difference of two held-out mean squares by chance, 95 %, by stretches [%^2]."""
     if one is None or best is None or best.stretches_percent.size < 2:
         return 0.0
     difference = one.stretches_percent**2 - best.stretches_percent**2
-    return float(np.std(difference, ddof=1) / np.sqrt(difference.size))
+    standard_error = np.std(difference, ddof=1) / np.sqrt(difference.size)
+    return float(stdtrit(difference.size - 1, 0.95) * standard_error)

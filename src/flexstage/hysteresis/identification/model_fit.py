@@ -371,9 +371,9 @@ def fits() -> Mapping[str, ModelFit]:
 
 
 def selected_models(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the candidate models of a request; auto selects four of them.
+    """Return the candidate models of a request; auto selects five of them.
 
-    The others are candidates only by name: compared with these four they were selected for none of
+    The others are candidates only by name: compared with these they were selected for none of
     nine measured records, and need a third of the time.
 
     Raises

@@ -22,15 +22,11 @@ from flexstage.hysteresis.identification.model_fit import (
     fitted_levels,
     residual,
 )
-from flexstage.hysteresis.identification.projection import Normal, Solution, residual_square, solve
+from flexstage.hysteresis.identification.projection import Normal, Solution, solve
 from flexstage.hysteresis.model import HysteresisModel
 
 #: Number of points of the coarse grid with a local search.
 _LOCAL_SEARCHES = 3
-#: Distance from an optimum of the costs for the optimum of fewer samples, and largest distance of
-#: that.
-_ABOUT = 0.025
-_NEAR = 0.06
 #: Step of finite differences, relative to each parameter.
 _STEP = 1e-4
 
@@ -115,60 +111,9 @@ class SearchedFit(ModelFit):
         return self._minimise(best, data, 1e-9)
 
     def refit(self, data: FitData, optimum: Array) -> FitResult:
-        place, solution = self._shifted_minimum(optimum, data)
+        place = self._minimise(optimum, data, 1e-6)
+        solution = self.project(place, data)[0]
         return FitResult(model=self.build(place, solution.coefficients, data), search=place)
-
-    def _shifted_minimum(self, start: Array, data: FitData) -> tuple[Array, Solution]:
-        """Find the optimum of these samples from that of more samples.
-
-        The first step is that of a parabola through costs about the start, whose columns are
-        computed once for all held-out parts; further steps are by the slope at the new place. If
-        they lead far or uphill, as along a valley, a search follows.
-        """
-        points = _stencil(start)
-        costs = []
-        for point in points:
-            normal = self._cached_columns(point, data)[1]
-            costs.append(residual_square(normal, solve(normal, free=self.free)))
-        slope, bend = _parabola(np.array(costs), start.size)
-        place = _downhill(points[0], slope, bend)
-        for _ in range(place.size):
-            place = _downhill(place, self._slope(place, data), bend)
-        solution, _, left = self.project(place, data)
-        behind, normal = self._cached_columns(start, data)
-        before = residual(behind, self._solution(normal), data) / data.stroke
-        near = np.max(np.abs(place - start)) <= _NEAR
-        if near and left @ left <= before @ before:
-            return place, solution
-        place = self._minimise(start, data, 1e-6)
-        return place, self.project(place, data)[0]
-
-    def _cached_columns(self, place: Array, data: FitData) -> tuple[list[Array], Normal]:
-        """Columns behind the chain at a place, cached, and their equations."""
-        key = f"{self.kind} at {place.tolist()}"
-        if key not in data.memo:
-            quasi = [self.columns(s, place, data) for s in data.sections]
-            data.memo[key] = behind_chain(quasi, data)
-        return data.memo[key], equations(data.memo[key], data, key)
-
-    def _slope(self, place: Array, data: FitData) -> Array:
-        """Change of the cost over the stencil's width with each searched parameter.
-
-        At the best linear parameters, their own changes have no effect.
-        """
-        solution, behind, left = self.project(place, data)
-        x, sections = solution.coefficients, data.sections
-        slope = np.empty(place.size)
-        for k in range(place.size):
-            other = place.copy()
-            other[k] += _STEP if place[k] < 0.5 else -_STEP
-            # column by column, as the effect of the start is not linear in their sum
-            shifted = behind_chain([self.columns(s, other, data) for s in sections], data)
-            change = np.concatenate(
-                [((m - c) @ x)[u] for m, c, u in zip(shifted, behind, data.use, strict=True)]
-            )
-            slope[k] = -2.0 * _ABOUT * float(left @ change) / (other[k] - place[k])
-        return slope * data.stroke
 
     def _cost(self, place: Array, data: FitData) -> float:
         left = self.project(place, data)[2]
@@ -187,33 +132,6 @@ class SearchedFit(ModelFit):
             max_nfev=60,
         )
         return np.asarray(minimum.x, dtype=np.float64)
-
-
-def _stencil(centre: Array) -> list[Array]:
-    """Places that determine a parabola: the centre, one to each side, and one for each pair."""
-    middle = np.clip(centre, _ABOUT, 1.0 - _ABOUT)
-    sides = _ABOUT * np.eye(centre.size)
-    pairs = [a + b for a, b in itertools.combinations(sides, 2)]
-    return [middle, *(middle + sides), *(middle - sides), *(middle + pair for pair in pairs)]
-
-
-def _parabola(costs: Array, size: int) -> tuple[Array, Array]:
-    """Slope and curvature over the width of the stencil of the parabola through its costs."""
-    here, up, down = costs[0], costs[1 : 1 + size], costs[1 + size : 1 + 2 * size]
-    bend = np.diag(up - 2.0 * here + down)
-    pairs = itertools.combinations(range(size), 2)
-    for (j, k), cost in zip(pairs, costs[1 + 2 * size :], strict=True):
-        bend[j, k] = bend[k, j] = cost - up[j] - up[k] + here
-    return 0.5 * (up - down), bend
-
-
-def _downhill(place: Array, slope: Array, bend: Array) -> Array:
-    """Minimum of a parabola; without a step along valleys that have no minimum."""
-    values, vectors = np.linalg.eigh(bend)
-    rising = values > 1e-9 * max(float(values.max()), 1e-300)
-    way = np.where(rising, vectors.T @ slope / np.where(rising, values, 1.0), 0.0)
-    step = _ABOUT * np.clip(vectors @ way, -3.0, 3.0)
-    return np.clip(place - step, 1e-6, 1.0 - 1e-6)
 
 
 class RefinedFit(ModelFit):

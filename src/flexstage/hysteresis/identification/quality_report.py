@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
-from flexstage.hysteresis.identification.chain_search import ChainEstimate
+from flexstage.hysteresis.identification.chain_search import ChainEstimate, rms_of_line
 from flexstage.hysteresis.identification.cycles import unknown_history_warning
 from flexstage.hysteresis.identification.faults import RecordFault
+from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.model_choice import FittedModel
 from flexstage.hysteresis.identification.model_fit import FitData
@@ -59,9 +60,10 @@ def quality_report(data: FitData, error_percent: float, noise_percent: float) ->
     """
     percent = 100.0 / data.stroke
     faults = list(data.findings)
-    if not any(f.kind == "butterfly" for f in faults):
+    # a shift within the only period is the difference of its ends
+    if not data.shows_one_period and not any(f.kind == "butterfly" for f in faults):
         faults += baseline_shifts(data)
-    line = _line(data) * percent
+    line = rms_of_line(data, ChainValues()) * percent
     excess = float(np.sqrt(max(error_percent**2 - noise_percent**2, 0.0)))
     explains = excess <= _USUAL or (excess <= _USELESS and excess <= _SHARE_OF_LINE * line)
     is_butterfly = any(f.kind == "butterfly" for f in faults)
@@ -78,20 +80,6 @@ def quality_report(data: FitData, error_percent: float, noise_percent: float) ->
             f"that of a piezo drive is usually at most {_USUAL:g} %; {remedy}"
         )
     return QualityReport(fits=not reason, reason=reason, line_percent=line, findings=tuple(faults))
-
-
-def _line(data: FitData) -> float:
-    """Rms residual of a straight line with the nuisance columns, in the unit of the output."""
-    squares, count = 0.0, 0
-    for s, r, use in zip(data.sections, data.rows, data.use, strict=True):
-        at = r.at[use]
-        if at.size == 0:
-            continue
-        columns = np.column_stack((s.u[at], s.nuisance[at]))
-        coefficients = np.linalg.lstsq(columns / np.ptp(s.u), s.y[at], rcond=None)[0]
-        squares += float(np.sum((s.y[at] - columns / np.ptp(s.u) @ coefficients) ** 2))
-        count += at.size
-    return float(np.sqrt(squares / max(count, 1)))
 
 
 def fit_warnings(

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.models.dahl.law import Dahl
     from flexstage.hysteresis.models.duhem.law import Duhem
     from flexstage.hysteresis.models.generalised_bouc_wen.law import GeneralisedBoucWen
+    from flexstage.hysteresis.models.line.law import Line
     from flexstage.hysteresis.models.maxwell_slip.law import GeneralisedMaxwellSlip
     from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import (
         ModifiedPrandtlIshlinskii,

@@ -201,7 +201,7 @@ _PURPOSES = (
     "time. Accepted formats are text, CSV, MATLAB, HDF5, NumPy, LabVIEW and universal files, and "
     "TDMS with the extra labview. Without a record, load the example of a simulated piezo stack.",
     "Identify hysteresis, creep, delay and resonance. Four models are fitted, or those that you "
-    "choose of nine. The error on held-out cycles shows the accuracy of each.",
+    "choose of ten. The error on held-out cycles shows the accuracy of each.",
     "The inverse of the model computes the command for a sine, a triangle or a path from a file. "
     "The result is a file for the controller, with the predicted error.",
     "Validate the model on an independent record, at another rate or on another day.",
