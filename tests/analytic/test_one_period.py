@@ -122,8 +122,8 @@ def test_what_is_no_period_is_refused_and_names_the_option():
     two = record(np.tile(u, 2), np.tile(y, 2), 5e-3)
     with pytest.raises(RecordError, match="has 2 major cycles"):
         identify(two, "u", "y", periodic=True)
-    with pytest.raises(ModelError, match="omit --drift"):
-        identify(half, "u", "y", periodic=True, drift=True)
+    with pytest.raises(ModelError, match="omit --zero drift"):
+        identify(half, "u", "y", periodic=True, zero="drift")
     with pytest.raises(ModelError, match="omit --train"):
         identify(half, "u", "y", periodic=True, train=(0, 100))
 
