@@ -1,8 +1,11 @@
 """A model of several drives that soften with their level, stepped sample by sample."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError
@@ -68,6 +71,8 @@ class CoupledDriveModel:
     """Unit of the outputs."""
     level_range: tuple[tuple[float, float], ...]
     """Smallest and largest rms of each input in the records."""
+    band_hz: tuple[float, float]
+    """Lowest and highest frequency of the records [Hz]."""
 
     __repr__ = short_repr
 
@@ -86,7 +91,7 @@ class CoupledDriveModel:
 
     def simulate(
         self,
-        voltages: Array,
+        voltages: ArrayLike,
         state: CoupledDriveState | None = None,
         *,
         time_constant: float = LEVEL_TIME_CONSTANT,
@@ -95,7 +100,7 @@ class CoupledDriveModel:
 
         Parameters
         ----------
-        voltages : array
+        voltages : array_like
             Deviations of the voltages from the operating point, shape (n, m).
         state : CoupledDriveState, optional
             State before the first sample; after a long rest where not given.
@@ -117,42 +122,74 @@ class CoupledDriveModel:
         Modes and lags are exact for inputs that are straight between samples. The loop through the
         modes is solved at each sample, with the levels of the sample before.
         """
-        u = np.ascontiguousarray(voltages, dtype=np.float64)
-        if u.ndim != 2 or u.shape[1] != len(self.inputs) or not np.isfinite(u).all():
-            raise ModelError(
-                f"voltages must be finite, in {len(self.inputs)} columns, got shape {u.shape}"
-            )
+        u = columns(voltages, len(self.inputs), "voltages")
+        return self._stepped(u, None, state, time_constant)
+
+    def voltages(
+        self,
+        totals: ArrayLike,
+        state: CoupledDriveState | None = None,
+        *,
+        limits: tuple[float, float] = (-np.inf, np.inf),
+        largest_rate: float = np.inf,
+    ) -> tuple[Array, CoupledDriveState]:
+        """Return the voltages that, with what the drives add, are sequences u + s.
+
+        This is the exact inverse of the drives that soften, sample by sample; between limits, the
+        voltages are the nearest ones. The inverse of the linear system is that of `compensate`.
+
+        Parameters
+        ----------
+        totals : array_like
+            Voltages and additional voltages, shape (n, m).
+        state : CoupledDriveState, optional
+            State before the first sample; after a long rest where not given.
+        limits : tuple of float
+            Lowest and highest voltage, deviations from the operating point.
+        largest_rate : float
+            Largest rate of a voltage [unit of the inputs per second].
+
+        Returns
+        -------
+        tuple
+            Voltages, shape (n, m), and the state at the last sample.
+
+        Raises
+        ------
+        ModelError
+            The sequences have another shape, are not finite, or need a level that no record had.
+        """
+        target = columns(totals, len(self.inputs), "sequences")
+        u = np.empty_like(target)
+        bounds = (*limits, largest_rate / self.sample_rate_hz)
+        return u, self._stepped(u, (target, bounds), state, LEVEL_TIME_CONSTANT)[1]
+
+    def _stepped(
+        self,
+        u: Array,
+        target: tuple[Array, tuple[float, float, float]] | None,
+        state: CoupledDriveState | None,
+        time_constant: float,
+    ) -> tuple[Array, CoupledDriveState]:
+        """Return readings and state after voltages, which a target of their totals replaces."""
         before = self.rest() if state is None else state
-        step, d = 1.0 / self.sample_rate_hz, self.drives
-        pole, residue = mode_poles(d.frequency_hz, d.damping_ratio)
-        lag_pole = -2.0 * np.pi * np.array(MEMORY_CORNERS_HZ)
-        system = self.system
-        # a pair of poles counts twice its real part
-        twice = np.where(system.poles.imag > 0.0, 2.0, 1.0)
-        state = CoupledDriveState(
-            system=before.system.copy(),
-            modes=before.modes.copy(),
-            total=before.total.copy(),
-            lags=before.lags.copy(),
-            lagged=before.lagged.copy(),
-            force_square=before.force_square.copy(),
-            voltage_square=before.voltage_square.copy(),
+        after = CoupledDriveState(
+            **{f.name: getattr(before, f.name).copy() for f in fields(before)}
         )
         readings = np.empty((u.shape[0], len(self.outputs)))
-        largest = state.voltage_square.copy()
+        largest = after.voltage_square.copy()
+        totals, bounds = target or (np.empty((0, u.shape[1])), (-np.inf, np.inf, np.inf))
         _step_drives(
             u,
-            (d.force_gains, d.strength, d.memory_gains, d.force_reference, d.voltage_reference),
-            (d.exponent, VOLTAGE_EXPONENT, 1.0 - np.exp(-step / time_constant)),
-            (2.0 * residue, *straight_gains(pole, step), d.compliance, d.input_shapes),
-            (-lag_pole, *straight_gains(lag_pole, step)),
-            (system.poles, system.output_shapes * twice, system.input_shapes, system.feedthrough),
-            (state.system, state.modes, state.total, state.lags, state.lagged),
-            (state.force_square, state.voltage_square, largest),
+            totals,
+            bounds,
+            _constants(self, time_constant),
+            (after.system, after.modes, after.total, after.lags, after.lagged),
+            (after.force_square, after.voltage_square, largest),
             readings,
         )
         self._require_level(np.sqrt(largest))
-        return readings, state
+        return readings, after
 
     def _require_level(self, reached: Array) -> None:
         for name, (low, high), level in zip(
@@ -162,13 +199,45 @@ class CoupledDriveModel:
                 raise ModelError(
                     f"input '{name}' reaches a level of {level:.3g} {self.input_unit} rms, and "
                     f"the records had {low:.3g} to {high:.3g}: how the stage softens beyond is not "
-                    "known"
+                    "known: reduce the signal"
                 )
 
 
+def columns(values: ArrayLike, count: int, what: str) -> Array:
+    """Return finite sequences in a number of columns, shape (n, count)."""
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != count or not np.isfinite(array).all():
+        raise ModelError(f"{what} must be finite, in {count} columns, got shape {array.shape}")
+    return array
+
+
+@lru_cache(maxsize=8)  # a model that is stepped sample by sample needs them at each
+def _constants(model: CoupledDriveModel, time_constant: float) -> tuple[Any, ...]:
+    """Return the numbers of the steps of a model."""
+    step, d, system = 1.0 / model.sample_rate_hz, model.drives, model.system
+    pole, residue = mode_poles(d.frequency_hz, d.damping_ratio)
+    lag_pole = -2.0 * np.pi * np.array(MEMORY_CORNERS_HZ)
+    # a pair of poles counts twice its real part
+    twice = np.where(system.poles.imag > 0.0, 2.0, 1.0)
+    return (
+        (d.force_gains, d.strength, d.memory_gains, d.force_reference, d.voltage_reference),
+        (d.exponent, VOLTAGE_EXPONENT, 1.0 - np.exp(-step / time_constant)),
+        (2.0 * residue, *straight_gains(pole, step), d.compliance, d.input_shapes),
+        (-lag_pole, *straight_gains(lag_pole, step)),
+        (system.poles, system.output_shapes * twice, system.input_shapes, system.feedthrough),
+    )
+
+
 @compiled
-def _step_drives(u, drives, levels, modes, lags, system, state, squares, readings):  # type: ignore[no-untyped-def]
-    """Step drives, modes in the loop and the linear system; states are changed in place."""
+def _step_drives(  # type: ignore[no-untyped-def]
+    u, target, bounds, constants, state, squares, readings
+):
+    """Step drives, modes in the loop and the linear system; states are changed in place.
+
+    A target of the voltage and the additional voltage, of as many samples, replaces u.
+    """
+    lowest, highest, largest_step = bounds
+    drives, levels, modes, lags, system = constants
     force_gains, strength, memory, force_reference, voltage_reference = drives
     exponent, voltage_exponent, share = levels
     gain, e, before, after, compliance, b = modes
@@ -184,25 +253,20 @@ def _step_drives(u, drives, levels, modes, lags, system, state, squares, reading
         for a in range(m):
             for c in range(m):
                 direct[a, c] += at_once * b[i, a] * b[i, c]
-    driven, force, softening = np.empty(m), np.empty(m), np.empty(m)
+    memory_at_once = memory[0]
+    for q in range(lag_e.size):
+        memory_at_once += memory[q + 1] * lag_gain[q] * lag_after[q]
+    driven, force, softening, level = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     loop = np.empty((m, m))
     for t in range(u.shape[0]):
         for a in range(m):
             softening[a] = strength[a] * (force_square[a] ** (0.5 * exponent) - force_reference[a])
-            level = voltage_square[a] ** (0.5 * voltage_exponent) - voltage_reference[a]
-            value = level * u[t, a]
-            driven[a] = u[t, a] + memory[0] * value
-            for q in range(lag_e.size):
-                lagging[q, a] = (
-                    lag_e[q] * lagging[q, a] + lag_before[q] * lagged[a] + lag_after[q] * value
-                )
-                driven[a] += memory[q + 1] * lag_gain[q] * lagging[q, a]
-            lagged[a] = value
-        for a in range(m):
+            level[a] = voltage_square[a] ** (0.5 * voltage_exponent) - voltage_reference[a]
             force[a] = 0.0
-            for c in range(m):
-                force[a] += force_gains[a, c] * u[t, c] + direct[a, c] * driven[c]
-                loop[a, c] = (1.0 if a == c else 0.0) - direct[a, c] * softening[c]
+            driven[a] = 0.0
+            for q in range(lag_e.size):
+                lagging[q, a] = lag_e[q] * lagging[q, a] + lag_before[q] * lagged[a]
+                driven[a] += memory[q + 1] * lag_gain[q] * lagging[q, a]
         for i in range(k):
             projected = 0.0
             for a in range(m):
@@ -211,6 +275,30 @@ def _step_drives(u, drives, levels, modes, lags, system, state, squares, reading
             free = compliance[i] * (gain[i] * modal[i]).real
             for a in range(m):
                 force[a] += free * b[i, a]
+        if target.shape[0] > 0:
+            for a in range(m):
+                value = force[a]
+                for c in range(m):
+                    value += direct[a, c] * target[t, c]
+                    loop[a, c] = softening[a] * force_gains[a, c]
+                loop[a, a] += 1.0 + memory_at_once * level[a]
+                u[t, a] = target[t, a] - driven[a] - softening[a] * value
+            _solve_in_place(loop, u[t])
+            for a in range(m):
+                if t > 0:
+                    u[t, a] = min(
+                        max(u[t, a], u[t - 1, a] - largest_step), u[t - 1, a] + largest_step
+                    )
+                u[t, a] = min(max(u[t, a], lowest), highest)
+        for a in range(m):
+            lagged[a] = level[a] * u[t, a]
+            driven[a] += u[t, a] + memory_at_once * lagged[a]
+            for q in range(lag_e.size):
+                lagging[q, a] += lag_after[q] * lagged[a]
+        for a in range(m):
+            for c in range(m):
+                force[a] += force_gains[a, c] * u[t, c] + direct[a, c] * driven[c]
+                loop[a, c] = (1.0 if a == c else 0.0) - direct[a, c] * softening[c]
         _solve_in_place(loop, force)
         for a in range(m):
             total[a] = driven[a] + softening[a] * force[a]

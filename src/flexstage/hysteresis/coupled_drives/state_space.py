@@ -1,6 +1,6 @@
 """A linear system of several inputs and outputs from its frequency response."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -33,15 +33,11 @@ class ModalSystem:
 
     def response(self, z: Complex) -> Complex:
         """Return the frequency response, shape (L, p, m)."""
-        total = np.broadcast_to(self.feedthrough, (len(z), *self.feedthrough.shape))
-        first = 1.0 / (z[:, None] - self.poles)
-        second = (self.poles.imag > 0.0) / (z[:, None] - np.conj(self.poles))
-        c, b = self.output_shapes, self.input_shapes
-        return (
-            total
-            + np.einsum("ln,pn,nm->lpm", first, c, b, optimize=True)
-            + np.einsum("ln,pn,nm->lpm", second, np.conj(c), np.conj(b), optimize=True)
-        )
+        pairs, c, b = self.poles.imag > 0.0, self.output_shapes, self.input_shapes
+        terms = 1.0 / (z[:, None] - np.concatenate((self.poles, np.conj(self.poles[pairs]))))
+        c = np.concatenate((c, np.conj(c[:, pairs])), axis=1)
+        b = np.concatenate((b, np.conj(b[pairs])))
+        return self.feedthrough + np.einsum("ln,pn,nm->lpm", terms, c, b, optimize=True)
 
     def matrices(self) -> tuple[Array, Array, Array, Array]:
         """Return real matrices A, B, C, D of the state space, A of blocks of one or two states."""
@@ -79,12 +75,7 @@ class IdentifiedModes:
 
     def of(self, numbers: Integers) -> "IdentifiedModes":
         """Return some of the modes."""
-        return IdentifiedModes(
-            frequency_hz=self.frequency_hz[numbers],
-            damping_ratio=self.damping_ratio[numbers],
-            input_shapes=self.input_shapes[numbers],
-            imaginary_share=self.imaginary_share[numbers],
-        )
+        return IdentifiedModes(**{f.name: getattr(self, f.name)[numbers] for f in fields(self)})
 
 
 #: Rows and columns of the block Hankel matrix: impulse responses over twice as many samples.
