@@ -1,6 +1,6 @@
 """Coupled drives: their linear systems, steady state, steps, derivatives and identification."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,7 @@ import pytest
 from flexstage.base.errors import ModelError, RecordError
 from flexstage.hysteresis.coupled_drives.identify import identify_coupled_drives
 from flexstage.hysteresis.coupled_drives.inverse import coupled_commands
-from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
+from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel, CoupledDriveState
 from flexstage.hysteresis.coupled_drives.model_file import coupled_model_text, read_coupled_model
 from flexstage.hysteresis.coupled_drives.periodic import (
     best_linear,
@@ -47,8 +47,10 @@ def test_a_subspace_system_is_the_one_whose_response_is_given() -> None:
     lines = np.arange(1, PERIOD // 2)
     z = np.exp(2j * np.pi * lines / PERIOD)
     response = system.response(z)
-    a, b, c, d = system.matrices()
-    direct = c @ np.linalg.solve(z[:, None, None] * np.eye(6) - a, np.tile(b, (z.size, 1, 1))) + d
+    form = coupled_model(0.0).linear()
+    assert form.inputs == ("a [V]", "b [V]")
+    resolvent = z[:, None, None] * np.eye(len(form.A)) - form.A
+    direct = form.C @ np.linalg.solve(resolvent, np.tile(form.B, (z.size, 1, 1))) + form.D
     assert np.abs(response - direct).max() < 1e-12 * np.abs(response).max()
     fit = subspace_system(response, lines, PERIOD, 6, blocks=40)
     assert fit.order == 6
@@ -341,3 +343,34 @@ def test_references_that_cannot_be_followed_are_refused(options: dict, message: 
     options = {"references": references()} | options
     with pytest.raises(ModelError, match=message):
         coupled_commands(with_two_outputs(), **options)
+
+
+def test_the_linear_system_of_a_level_has_the_response_that_the_loop_at_each_line_has() -> None:
+    model, u = coupled_model(), multisine(0.55, 3)
+    spectra = periodic_spectra([record_of(u, u[:, [0, 1, 0]])], ["a", "b"], ["x", "y", "z"])
+    # w in proportion to the voltages, whose mean level is 0.5 in the power 0.8
+    sigma = 0.55 / 0.5**1.25 * model.drives.force_reference**2.0
+    state = steady_state(model.drives, spectra, fitted=False, sigma=sigma[None], sweeps=1)
+    steady = np.einsum("lpm,lm->lp", model.system.response(spectra.z), state.total[0])
+    form = model.linear(0.55)
+    resolvent = spectra.z[:, None, None] * np.eye(len(form.A)) - form.A
+    tiled = np.tile(form.B, (spectra.z.size, 1, 1))
+    response = form.C @ np.linalg.solve(resolvent, tiled) + form.D
+    readings = np.einsum("lpm,lm->lp", response, spectra.inputs[0])
+    assert np.abs(readings - steady).max() < 1e-9 * np.abs(steady).max()
+    mean = np.einsum("lpm,lm->lp", model.system.response(spectra.z), spectra.inputs[0])
+    assert np.abs(readings - mean).max() > 0.02 * np.abs(steady).max()
+    with pytest.raises(ModelError, match=r"reaches a level of 0\.9"):
+        model.linear(0.9)
+
+
+def test_a_saved_state_resumes_and_single_samples_are_those_of_a_sequence(tmp_path: Path) -> None:
+    model, u = coupled_model(), multisine(0.5, 6)
+    at_once, _ = model.simulate(u)
+    _, state = model.simulate(u[:500])
+    np.savez(tmp_path / "state.npz", **asdict(state))
+    with np.load(tmp_path / "state.npz") as arrays:
+        state = CoupledDriveState(**arrays)
+    for t in range(500, 600):
+        reading, state = model.simulate(u[t : t + 1], state)
+        assert np.array_equal(reading[0], at_once[t])

@@ -1,6 +1,6 @@
 """A model of several drives that soften with their level, stepped sample by sample."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,6 +19,7 @@ from flexstage.hysteresis.coupled_drives.softening import (
     straight_gains,
 )
 from flexstage.hysteresis.coupled_drives.state_space import ModalSystem
+from flexstage.system import StateSpace
 
 #: Time constant of the levels [s]: on the records of a steering mirror, errors fall up to 0.4 s.
 LEVEL_TIME_CONSTANT = 0.4
@@ -28,7 +29,11 @@ _LEVEL_MARGIN = 1.2
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CoupledDriveState:
-    """State of the model at its last sample."""
+    """State of the model at its last sample.
+
+    All are arrays: ``np.savez(file, **asdict(state))`` saves a state, and
+    ``CoupledDriveState(**np.load(file))`` continues from it.
+    """
 
     system: Complex
     """States of the linear system, complex, shape (n,)."""
@@ -163,6 +168,52 @@ class CoupledDriveModel:
         u = np.empty_like(target)
         bounds = (*limits, largest_rate / self.sample_rate_hz)
         return u, self._stepped(u, (target, bounds), state, LEVEL_TIME_CONSTANT)[1]
+
+    def linear(self, level: float | None = None) -> StateSpace:
+        """Return the linear system of a constant level, from voltages to readings.
+
+        Parameters
+        ----------
+        level : float, optional
+            Rms of the inputs, for signals of the spectrum of the records; their mean level where
+            not given.
+
+        Returns
+        -------
+        StateSpace
+            The system between samples, for voltages that are straight between them.
+
+        Raises
+        ------
+        ModelError
+            No record had this level.
+        """
+        mean = self.drives.voltage_reference ** (1.0 / VOLTAGE_EXPONENT)
+        factor = 1.0 if level is None else level / float(np.mean(mean))
+        # w is proportional to the voltages, but for the small change of the gains
+        force = factor * self.drives.force_reference ** (1.0 / self.drives.exponent)
+        levels = {"force_square": force**2, "voltage_square": (factor * mean) ** 2}
+        rest = replace(self.rest(), **levels)
+        parts = [(f.name, getattr(rest, f.name)) for f in fields(rest) if f.name not in levels]
+        ends = np.cumsum([part.view(float).size for _, part in parts])
+        m, n = len(self.inputs), int(ends[-1])
+        columns_of = np.empty((n + m, n + len(self.outputs)))
+        # a step is linear in state and voltages: each unit gives a column
+        for k, unit in enumerate(np.eye(n + m)):
+            split = zip(parts, np.split(unit[:n], ends[:-1]), strict=True)
+            state = {name: x.view(part.dtype).reshape(part.shape) for (name, part), x in split}
+            y, after = self._stepped(unit[None, n:], None, replace(rest, **state), np.inf)
+            following = [getattr(after, name).view(float).ravel() for name, _ in parts]
+            columns_of[k] = np.concatenate((*following, y[0]))
+        return StateSpace(
+            A=columns_of[:n, :n].T,
+            B=columns_of[n:, :n].T,
+            C=columns_of[:n, n:].T,
+            D=columns_of[n:, n:].T,
+            inputs=tuple(f"{name} [{self.input_unit}]" for name in self.inputs),
+            outputs=tuple(f"{name} [{self.output_unit}]" for name in self.outputs),
+            step=1.0 / self.sample_rate_hz,
+        )
 
     def _stepped(
         self,

@@ -39,26 +39,6 @@ class ModalSystem:
         b = np.concatenate((b, np.conj(b[pairs])))
         return self.feedthrough + np.einsum("ln,pn,nm->lpm", terms, c, b, optimize=True)
 
-    def matrices(self) -> tuple[Array, Array, Array, Array]:
-        """Return real matrices A, B, C, D of the state space, A of blocks of one or two states."""
-        n = self.order
-        a, b = np.zeros((n, n)), np.zeros((n, self.input_shapes.shape[1]))
-        c = np.zeros((self.output_shapes.shape[0], n))
-        at = 0
-        for pole, out, into in zip(
-            self.poles, self.output_shapes.T, self.input_shapes, strict=True
-        ):
-            if pole.imag > 0.0:
-                pair = slice(at, at + 2)
-                a[pair, pair] = [[pole.real, -pole.imag], [pole.imag, pole.real]]
-                b[pair] = into.real, into.imag
-                c[:, pair] = np.column_stack((2.0 * out.real, -2.0 * out.imag))
-                at += 2
-            else:
-                a[at, at], b[at], c[:, at] = pole.real, into.real, out.real
-                at += 1
-        return a, b, c, self.feedthrough
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class IdentifiedModes:
