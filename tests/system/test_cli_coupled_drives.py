@@ -80,6 +80,12 @@ def follow(model: Path, measured: Path, folder: Path, capsys: pytest.CaptureFixt
     assert data["command_range"]["a"] == [-0.5, 0.5]
     assert data["limited_samples"] > 0
     assert sorted(data["predicted_rms_error"]) == ["x", "y", "z"]
+    assert status(["export", str(model), "--to", "all", "--folder", str(folder / "out")]) == 0
+    written = sorted(path.name for path in (folder / "out").rglob("*.*"))
+    assert written == ["model.h", "model.mat", "model_check.csv"]
+    assert "model: exported files" in capsys.readouterr().out
+    assert status(["export", str(model), "--to", "c", "--model", "lumped"]) == 2
+    assert "has no options of a stage" in " ".join(capsys.readouterr().err.split())
     for other, message in (
         (("--start", "rest"), "omit --relative and --start"),
         (("--column", "x,y"), "the model has 3 outputs, x, y, z; got 2 columns"),

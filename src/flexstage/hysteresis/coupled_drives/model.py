@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +23,7 @@ from flexstage.system import StateSpace
 #: Time constant of the levels [s]: on the records of a steering mirror, errors fall up to 0.4 s.
 LEVEL_TIME_CONSTANT = 0.4
 #: A level may exceed the largest of the records by this factor: levels of one setting scatter.
-_LEVEL_MARGIN = 1.2
+LEVEL_MARGIN = 1.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -228,13 +227,13 @@ class CoupledDriveModel:
             **{f.name: getattr(before, f.name).copy() for f in fields(before)}
         )
         readings = np.empty((u.shape[0], len(self.outputs)))
-        largest = after.voltage_square.copy()
+        largest, c = after.voltage_square.copy(), step_constants(self, time_constant)
         totals, bounds = target or (np.empty((0, u.shape[1])), (-np.inf, np.inf, np.inf))
         _step_drives(
             u,
             totals,
             bounds,
-            _constants(self, time_constant),
+            (c.drives, c.levels, c.modes, c.lags, c.system),
             (after.system, after.modes, after.total, after.lags, after.lagged),
             (after.force_square, after.voltage_square, largest),
             readings,
@@ -246,7 +245,7 @@ class CoupledDriveModel:
         for name, (low, high), level in zip(
             self.inputs, self.level_range, reached.tolist(), strict=True
         ):
-            if level > _LEVEL_MARGIN * high:
+            if level > LEVEL_MARGIN * high:
                 raise ModelError(
                     f"input '{name}' reaches a level of {level:.3g} {self.input_unit} rms, and "
                     f"the records had {low:.3g} to {high:.3g}: how the stage softens beyond is not "
@@ -262,20 +261,51 @@ def columns(values: ArrayLike, count: int, what: str) -> Array:
     return array
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StepConstants:
+    """Numbers of the steps of a model."""
+
+    drives: tuple[Array, Array, Array, Array]
+    """Gains A, strengths, references of the levels of w and of the voltages."""
+    levels: tuple[float, float, float]
+    """Powers of the mean squares of w and of the voltages; share of a new square in them."""
+    modes: tuple[Complex, Complex, Complex, Complex, Array, Array]
+    """Gains to elongation, factors e, b, d (`straight_gains`), input vectors, and the elongation at
+    once of a unit of voltage at the end of a step.
+    """
+    lags: tuple[Array, Array, Array, Array, float]
+    """Gains of the lags, factors e, b, d, and the gain at once, of direct part and lags."""
+    system: tuple[Complex, Complex, Complex, Array]
+    """Poles, output vectors (twice those of pairs), input vectors and feedthrough."""
+
+
 @lru_cache(maxsize=8)  # a model that is stepped sample by sample needs them at each
-def _constants(model: CoupledDriveModel, time_constant: float) -> tuple[Any, ...]:
+def step_constants(
+    model: CoupledDriveModel, time_constant: float = LEVEL_TIME_CONSTANT
+) -> StepConstants:
     """Return the numbers of the steps of a model."""
     step, d, system = 1.0 / model.sample_rate_hz, model.drives, model.system
     pole, residue = mode_poles(d.frequency_hz, d.damping_ratio)
+    e, before, after = straight_gains(pole, step)
+    gains, b = 2.0 * d.compliance * residue, d.input_shapes
     lag_pole = -2.0 * np.pi * np.array(MEMORY_CORNERS_HZ)
+    lag_e, lag_before, lag_after = straight_gains(lag_pole, step)
+    lag_gains = -lag_pole * d.memory_gains[1:]
     # a pair of poles counts twice its real part
     twice = np.where(system.poles.imag > 0.0, 2.0, 1.0)
-    return (
-        (d.force_gains, d.strength, d.memory_gains, d.force_reference, d.voltage_reference),
-        (d.exponent, VOLTAGE_EXPONENT, 1.0 - np.exp(-step / time_constant)),
-        (2.0 * residue, *straight_gains(pole, step), d.compliance, d.input_shapes),
-        (-lag_pole, *straight_gains(lag_pole, step)),
-        (system.poles, system.output_shapes * twice, system.input_shapes, system.feedthrough),
+    share = 1.0 - float(np.exp(-step / time_constant))
+    at_once = float(d.memory_gains[0] + lag_gains @ lag_after)
+    return StepConstants(
+        drives=(d.force_gains, d.strength, d.force_reference, d.voltage_reference),
+        levels=(0.5 * d.exponent, 0.5 * VOLTAGE_EXPONENT, share),
+        modes=(gains, e, before, after, b, b.T @ ((gains * after).real[:, None] * b)),
+        lags=(lag_gains, lag_e, lag_before, lag_after, at_once),
+        system=(
+            system.poles,
+            system.output_shapes * twice,
+            system.input_shapes,
+            system.feedthrough,
+        ),
     )
 
 
@@ -289,41 +319,31 @@ def _step_drives(  # type: ignore[no-untyped-def]
     """
     lowest, highest, largest_step = bounds
     drives, levels, modes, lags, system = constants
-    force_gains, strength, memory, force_reference, voltage_reference = drives
-    exponent, voltage_exponent, share = levels
-    gain, e, before, after, compliance, b = modes
-    lag_gain, lag_e, lag_before, lag_after = lags
+    force_gains, strength, force_reference, voltage_reference = drives
+    power, voltage_power, share = levels
+    gain, e, before, after, b, direct = modes
+    lag_gain, lag_e, lag_before, lag_after, at_once = lags
     poles, out, into, through = system
     linear, modal, total, lagging, lagged = state
     force_square, voltage_square, largest = squares
     m, k, p, n = u.shape[1], e.size, readings.shape[1], poles.size
-    # elongation at once, of a unit of voltage at the end of a step
-    direct = np.zeros((m, m))
-    for i in range(k):
-        at_once = compliance[i] * (gain[i] * after[i]).real
-        for a in range(m):
-            for c in range(m):
-                direct[a, c] += at_once * b[i, a] * b[i, c]
-    memory_at_once = memory[0]
-    for q in range(lag_e.size):
-        memory_at_once += memory[q + 1] * lag_gain[q] * lag_after[q]
     driven, force, softening, level = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     loop = np.empty((m, m))
     for t in range(u.shape[0]):
         for a in range(m):
-            softening[a] = strength[a] * (force_square[a] ** (0.5 * exponent) - force_reference[a])
-            level[a] = voltage_square[a] ** (0.5 * voltage_exponent) - voltage_reference[a]
+            softening[a] = strength[a] * (force_square[a] ** power - force_reference[a])
+            level[a] = voltage_square[a] ** voltage_power - voltage_reference[a]
             force[a] = 0.0
             driven[a] = 0.0
             for q in range(lag_e.size):
                 lagging[q, a] = lag_e[q] * lagging[q, a] + lag_before[q] * lagged[a]
-                driven[a] += memory[q + 1] * lag_gain[q] * lagging[q, a]
+                driven[a] += lag_gain[q] * lagging[q, a]
         for i in range(k):
             projected = 0.0
             for a in range(m):
                 projected += b[i, a] * total[a]
             modal[i] = e[i] * modal[i] + before[i] * projected
-            free = compliance[i] * (gain[i] * modal[i]).real
+            free = (gain[i] * modal[i]).real
             for a in range(m):
                 force[a] += free * b[i, a]
         if target.shape[0] > 0:
@@ -332,7 +352,7 @@ def _step_drives(  # type: ignore[no-untyped-def]
                 for c in range(m):
                     value += direct[a, c] * target[t, c]
                     loop[a, c] = softening[a] * force_gains[a, c]
-                loop[a, a] += 1.0 + memory_at_once * level[a]
+                loop[a, a] += 1.0 + at_once * level[a]
                 u[t, a] = target[t, a] - driven[a] - softening[a] * value
             _solve_in_place(loop, u[t])
             for a in range(m):
@@ -343,7 +363,7 @@ def _step_drives(  # type: ignore[no-untyped-def]
                 u[t, a] = min(max(u[t, a], lowest), highest)
         for a in range(m):
             lagged[a] = level[a] * u[t, a]
-            driven[a] += u[t, a] + memory_at_once * lagged[a]
+            driven[a] += u[t, a] + at_once * lagged[a]
             for q in range(lag_e.size):
                 lagging[q, a] += lag_after[q] * lagged[a]
         for a in range(m):
