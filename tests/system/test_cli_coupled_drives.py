@@ -80,6 +80,16 @@ def follow(model: Path, measured: Path, folder: Path, capsys: pytest.CaptureFixt
     assert data["command_range"]["a"] == [-0.5, 0.5]
     assert data["limited_samples"] > 0
     assert sorted(data["predicted_rms_error"]) == ["x", "y", "z"]
+    simulated = folder / "simulated.csv"
+    assert status(["twin", str(model), "--play", str(command), "--out", str(simulated)]) == 0
+    (played,) = read_files([simulated], ["x", "y", "z"])
+    (expected,) = read_files([command], ["x predicted", "z predicted"])
+    for name in "xz":
+        values = expected.channel(f"{name} predicted").values
+        assert played.channel(name).values == pytest.approx(values, abs=1e-12)
+    capsys.readouterr()
+    assert status(["twin", str(model)]) == 2
+    assert "no simulated controller" in " ".join(capsys.readouterr().err.split())
     assert status(["export", str(model), "--to", "all", "--folder", str(folder / "out")]) == 0
     written = sorted(path.name for path in (folder / "out").rglob("*.*"))
     assert written == ["model.h", "model.mat", "model_check.csv"]

@@ -267,7 +267,7 @@ def _inverted(
 def _inverse_of_path(model: CoupledDriveModel, path: Array, band: float) -> tuple[Array, Array]:
     """Return a smoothed path, and the inputs of the linear system for it."""
     rate, system = model.sample_rate_hz, model.system
-    slowest = -1.0 / np.log(max(np.max(np.abs(system.poles)), 0.5))
+    slowest = -1.0 / np.log(np.clip(np.max(np.abs(system.poles)), 0.5, 1.0 - 1e-9))
     size = 1 << (len(path) + int(min(_INVERSE.decay * slowest, _INVERSE.longest))).bit_length()
     frequency = np.fft.rfftfreq(size, 1.0 / rate)
     end = min(2.0 * band, model.band_hz[1])

@@ -13,7 +13,8 @@ from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.coupled_drives.model import LEVEL_TIME_CONSTANT, CoupledDriveModel
 from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
-from flexstage.records.record import Record
+from flexstage.records.read import read_files
+from flexstage.records.record import Channel, Record
 
 #: Time constants of the level until the state before a record is forgotten.
 _WARM_UP = 3.0
@@ -105,6 +106,26 @@ def require_columns(
             f"{Path(record.source).name or 'the record'} has {record.sample_rate_hz:g} Hz and the "
             f"model {model.sample_rate_hz:g} Hz: resample the record"
         )
+
+
+def played_record(path: Path, file: Path) -> Record:
+    """Return voltages of a file and what the model of coupled drives reads, from rest."""
+    model = read_coupled_model(path)
+    (record,) = read_files([file], model.inputs, even=True)
+    require_columns(model, record, "inputs", model.inputs)
+    inputs = tuple(record.channel(name) for name in model.inputs)
+    readings, _ = model.simulate(np.column_stack([c.values for c in inputs]))
+    outputs = (
+        Channel(name=name, values=np.ascontiguousarray(values), unit=model.output_unit)
+        for name, values in zip(model.outputs, readings.T, strict=True)
+    )
+    return Record(
+        channels=(*inputs, *outputs),
+        time=record.time,
+        source=f"simulated by {path.name}",
+        notes=("simulated: nothing in it was measured",),
+        attributes={"simulated": "yes"},
+    )
 
 
 def _predict(
