@@ -364,12 +364,10 @@ class SofteningFit:
         d_force[:k] = (h * projected.T)[:, :, None] * b[:, None, :]
         at = k
         for i in range(m):
-            for j in range(m):
-                d_force[at, :, i] = u[:, j]
-                at += 1
-        for j in range(m):
-            d_extra[at, :, j] = state.gains[r, j] * force[:, j]
-            at += 1
+            d_force[at : at + m, :, i] = u.T
+            at += m
+        d_extra[range(at, at + m), :, range(m)] = (state.gains[r] * force).T
+        at += m
         power = state.sigma**drives.exponent * np.log(state.sigma)
         d_extra[at] = drives.strength * (power[r] - power.mean(0)) * force
         at += 1
