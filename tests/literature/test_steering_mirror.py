@@ -2,7 +2,7 @@
 
 Evidence (Hysteresis and records): steering mirror, three stacks, three sensors, three levels
 (M. Floren and others 2024: one nonlinear model 0.087, 0.131, 0.169 µm, three linear ones 0.114,
-0.216, 0.228 µm): one model, stepped in time, held-out records 0.085, 0.114, 0.169 µm; stepped with
+0.216, 0.228 µm): one model, stepped in time, held-out records 0.085, 0.112, 0.165 µm; stepped with
 its commands for references through six resonances, 1e-5 µm [*slow*]
 """
 
@@ -21,8 +21,9 @@ pytestmark = [pytest.mark.slow, needs("fine-steering-mirror")]
 
 INPUTS, OUTPUTS = ("u1", "u2", "u3"), ("y1", "y2", "y3")
 RATE, PERIOD = 6400.0, 8192
-#: Largest errors allowed at 100, 200 and 300 mV [µm]: those of a prototype, made by others.
-ALLOWED = (0.086, 0.115, 0.173)
+#: Largest errors allowed at 100, 200 and 300 mV [µm]: 1 % above those of this model, and below
+#: those of a prototype, made by others (0.086, 0.115, 0.173).
+ALLOWED = (0.0857, 0.1130, 0.1668)
 
 
 @pytest.fixture(scope="module")

@@ -32,6 +32,7 @@ from flexstage.hysteresis.coupled_drives.state_space import (
     ModalSystem,
     modes_of,
     subspace_system,
+    with_both_vectors,
 )
 from flexstage.records.record import Record
 
@@ -189,7 +190,10 @@ def identify_coupled_drives(
     weights = np.array(outputs_rms)[steady.level] ** -0.5
     weights /= np.sqrt(np.mean((weights * np.array(linear_errors)[steady.level]) ** 2))
     drives, total, response = _drives(steady, modes, weights)
-    system = _chosen_system(response, total, steady, weights)
+    # longer impulse responses than the modes need: a sharper response above them
+    blocks = min(3 * HANKEL_BLOCKS // 2, steady.period // 2)
+    system = _chosen_system(response, total, steady, weights, blocks=blocks)
+    system = with_both_vectors(system, response, steady.z)
     units = (
         {records[0].channel(c).unit for c in inputs},
         {records[0].channel(c).unit for c in outputs},
@@ -309,6 +313,7 @@ def _chosen_system(
     spectra: PeriodicSpectra,
     weights: Array,
     largest: int = _ORDERS[-1],
+    blocks: int = HANKEL_BLOCKS,
 ) -> ModalSystem:
     """Return the linear system of the order with the smallest Bayesian criterion."""
     records, lines, p = spectra.outputs.shape
@@ -317,7 +322,7 @@ def _chosen_system(
     for order in _ORDERS:
         if order > min(largest, lines // 4):
             break
-        system = subspace_system(response, spectra.lines, spectra.period, order)
+        system = subspace_system(response, spectra.lines, spectra.period, order, blocks)
         weighted = _residuals(system, spectra, total) * weights[:, None, None]
         parameters = order * (p + total.shape[2])
         criterion = count * math.log(_error(weighted) ** 2) + parameters * math.log(count)

@@ -156,3 +156,14 @@ def with_inputs(poles: Complex, outputs: Complex, response: Complex, z: Complex)
         input_shapes=inputs,
         feedthrough=weights[n + int(pairs.sum()) :],
     )
+
+
+def with_both_vectors(system: ModalSystem, response: Complex, z: Complex) -> ModalSystem:
+    """Return the system of the same poles whose output and input vectors fit a response best.
+
+    Each is a linear problem if the others are known: they are solved in turn, three times.
+    """
+    for _ in range(3):
+        turned = with_inputs(system.poles, system.input_shapes.T, np.swapaxes(response, 1, 2), z)
+        system = with_inputs(system.poles, turned.input_shapes.T, response, z)
+    return system
