@@ -56,6 +56,7 @@ def coupled_model(strength: float = 1.0) -> CoupledDriveModel:
         input_unit="V",
         output_unit="um",
         level_range=((0.2, 0.6), (0.2, 0.6)),
+        band_hz=(RATE / PERIOD, 229 * RATE / PERIOD),
     )
 
 

@@ -1,6 +1,6 @@
 """Coupled drives: their linear systems, steady state, steps, derivatives and identification."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +8,8 @@ import pytest
 
 from flexstage.base.errors import ModelError, RecordError
 from flexstage.hysteresis.coupled_drives.identify import identify_coupled_drives
+from flexstage.hysteresis.coupled_drives.inverse import coupled_commands
+from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel, CoupledDriveState
 from flexstage.hysteresis.coupled_drives.model_file import coupled_model_text, read_coupled_model
 from flexstage.hysteresis.coupled_drives.periodic import (
     best_linear,
@@ -19,7 +21,11 @@ from flexstage.hysteresis.coupled_drives.softening import (
     rms_levels,
     steady_state,
 )
-from flexstage.hysteresis.coupled_drives.state_space import modes_of, subspace_system
+from flexstage.hysteresis.coupled_drives.state_space import (
+    ModalSystem,
+    modes_of,
+    subspace_system,
+)
 from flexstage.records import Record
 from tests.coupled_records import (
     DAMPING,
@@ -41,8 +47,10 @@ def test_a_subspace_system_is_the_one_whose_response_is_given() -> None:
     lines = np.arange(1, PERIOD // 2)
     z = np.exp(2j * np.pi * lines / PERIOD)
     response = system.response(z)
-    a, b, c, d = system.matrices()
-    direct = c @ np.linalg.solve(z[:, None, None] * np.eye(6) - a, np.tile(b, (z.size, 1, 1))) + d
+    form = coupled_model(0.0).linear()
+    assert form.inputs == ("a [V]", "b [V]")
+    resolvent = z[:, None, None] * np.eye(len(form.A)) - form.A
+    direct = form.C @ np.linalg.solve(resolvent, np.tile(form.B, (z.size, 1, 1))) + form.D
     assert np.abs(response - direct).max() < 1e-12 * np.abs(response).max()
     fit = subspace_system(response, lines, PERIOD, 6, blocks=40)
     assert fit.order == 6
@@ -240,3 +248,129 @@ def test_a_model_file_holds_the_same_numbers(tmp_path: Path) -> None:
     path.write_text(coupled_model_text(result).replace("imaginary:", "imag:", 1), "utf-8")
     with pytest.raises(ModelError, match="expected 'real' and 'imaginary' parts"):
         read_coupled_model(path)
+
+
+def with_two_outputs(strength: float = 1.0) -> CoupledDriveModel:
+    model = coupled_model(strength)
+    system = model.system
+    two = replace(
+        system, output_shapes=system.output_shapes[:2], feedthrough=system.feedthrough[:2]
+    )
+    return replace(model, outputs=("x", "y"), system=two)
+
+
+def references() -> np.ndarray:
+    """Return motions below, at and above the first two resonances, and one that stays."""
+    t = np.arange(2000) / RATE
+    rise = np.minimum(t / 0.2, 1.0)[:, None] ** 2
+    angle = (
+        2.0 * np.pi * t[:, None] * np.array([[20.0, 40.0], [130.0, 128.0], [212.0, 205.0]])[:, None]
+    )
+    moves = np.sin(angle).sum(0) * rise * np.array([0.2, 0.15])
+    return 0.15 * (moves + (1.0 - np.cos(np.pi * np.clip((t - 0.3) / 0.1, 0.0, 1.0)))[:, None])
+
+
+def test_voltages_invert_the_drives_that_soften() -> None:
+    model, u = coupled_model(), np.tile(multisine(0.5, 4), (2, 1))
+    through = ModalSystem(
+        poles=np.zeros(1, complex),
+        output_shapes=np.zeros((2, 1), complex),
+        input_shapes=np.zeros((1, 2), complex),
+        feedthrough=np.eye(2),
+    )
+    totals, end = replace(model, outputs=("a", "b"), system=through).simulate(u)
+    assert np.abs(totals - u).max() > 0.05 * np.abs(u).max()
+    first, between = model.voltages(totals[:700])
+    second, after = model.voltages(totals[700:], between)
+    assert np.abs(np.vstack((first, second)) - u).max() < 1e-12
+    assert after.force_square == pytest.approx(end.force_square, rel=1e-10)
+
+
+def test_commands_lead_the_outputs_along_references_through_resonances() -> None:
+    model, target = with_two_outputs(), references()
+    result = coupled_commands(model, target)
+    size = np.sqrt(np.mean(target**2))
+    assert np.abs(result.predicted - result.reference).max() < 1e-3 * size
+    assert result.rms_error.max() < 1e-3 * size
+    stepped, _ = model.simulate(result.command)
+    assert np.array_equal(stepped, result.predicted)
+    # commands of the linear system alone miss by what the stage softens
+    linear = coupled_commands(with_two_outputs(0.0), target)
+    missed, _ = model.simulate(linear.command)
+    assert np.sqrt(np.mean((missed - linear.reference) ** 2)) > 0.02 * size
+
+
+def test_commands_begin_before_a_reference_that_does_not_begin_at_rest() -> None:
+    target = references()[700:]
+    result = coupled_commands(with_two_outputs(), target)
+    assert result.lead > 200
+    assert result.time[result.lead] == 0.0
+    assert np.abs(result.command[0]).max() < 1e-3 * np.abs(result.command).max()
+    # a corner at its first sample is smoothed, all others are met
+    assert np.abs(result.predicted[result.lead + 40 :] - target[40:]).max() < 0.01 * target.max()
+
+
+def test_more_outputs_than_drives_follow_a_motion_that_is_possible() -> None:
+    model = coupled_model()
+    possible, _ = model.simulate(coupled_commands(with_two_outputs(), references()).command)
+    result = coupled_commands(model, possible)
+    assert result.rms_error.max() < 1e-3 * np.sqrt(np.mean(possible**2))
+
+
+def test_limits_bound_the_commands_and_are_reported() -> None:
+    model, target = with_two_outputs(), references()
+    free = coupled_commands(model, target)
+    high = 0.7 * float(free.command.max())
+    rate = 0.5 * RATE * float(np.abs(np.diff(free.command, axis=0)).max())
+    result = coupled_commands(model, target, limits=(-high, high), largest_rate=rate)
+    assert np.abs(result.command).max() == high
+    assert RATE * np.abs(np.diff(result.command, axis=0)).max() < rate * (1.0 + 1e-9)
+    assert result.limited > 10
+    assert any(note.startswith(f"limits changed {result.limited} of") for note in result.notes)
+    assert np.abs(result.predicted - result.reference).max() > 0.001
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"band_hz": 500.0}, "a bandwidth of 500 Hz is above the records of the model"),
+        ({"limits": (1.0, 2.0)}, "must contain 0, got 1 to 2"),
+        ({"references": np.zeros((9, 3))}, "references must be finite, in 2 columns"),
+        ({"references": 20.0 * references()}, r"reaches a level of \d"),
+    ],
+)
+def test_references_that_cannot_be_followed_are_refused(options: dict, message: str) -> None:
+    options = {"references": references()} | options
+    with pytest.raises(ModelError, match=message):
+        coupled_commands(with_two_outputs(), **options)
+
+
+def test_the_linear_system_of_a_level_has_the_response_that_the_loop_at_each_line_has() -> None:
+    model, u = coupled_model(), multisine(0.55, 3)
+    spectra = periodic_spectra([record_of(u, u[:, [0, 1, 0]])], ["a", "b"], ["x", "y", "z"])
+    # w in proportion to the voltages, whose mean level is 0.5 in the power 0.8
+    sigma = 0.55 / 0.5**1.25 * model.drives.force_reference**2.0
+    state = steady_state(model.drives, spectra, fitted=False, sigma=sigma[None], sweeps=1)
+    steady = np.einsum("lpm,lm->lp", model.system.response(spectra.z), state.total[0])
+    form = model.linear(0.55)
+    resolvent = spectra.z[:, None, None] * np.eye(len(form.A)) - form.A
+    tiled = np.tile(form.B, (spectra.z.size, 1, 1))
+    response = form.C @ np.linalg.solve(resolvent, tiled) + form.D
+    readings = np.einsum("lpm,lm->lp", response, spectra.inputs[0])
+    assert np.abs(readings - steady).max() < 1e-9 * np.abs(steady).max()
+    mean = np.einsum("lpm,lm->lp", model.system.response(spectra.z), spectra.inputs[0])
+    assert np.abs(readings - mean).max() > 0.02 * np.abs(steady).max()
+    with pytest.raises(ModelError, match=r"reaches a level of 0\.9"):
+        model.linear(0.9)
+
+
+def test_a_saved_state_resumes_and_single_samples_are_those_of_a_sequence(tmp_path: Path) -> None:
+    model, u = coupled_model(), multisine(0.5, 6)
+    at_once, _ = model.simulate(u)
+    _, state = model.simulate(u[:500])
+    np.savez(tmp_path / "state.npz", **asdict(state))
+    with np.load(tmp_path / "state.npz") as arrays:
+        state = CoupledDriveState(**arrays)
+    for t in range(500, 600):
+        reading, state = model.simulate(u[t : t + 1], state)
+        assert np.array_equal(reading[0], at_once[t])

@@ -2,7 +2,8 @@
 
 Evidence (Hysteresis and records): steering mirror, three stacks, three sensors, three levels
 (M. Floren and others 2024: one nonlinear model 0.087, 0.131, 0.169 µm, three linear ones 0.114,
-0.216, 0.228 µm): one model, stepped in time, held-out records 0.085, 0.114, 0.169 µm [*slow*]
+0.216, 0.228 µm): one model, stepped in time, held-out records 0.085, 0.112, 0.165 µm; stepped with
+its commands for references through six resonances, 1e-5 µm [*slow*]
 """
 
 import numpy as np
@@ -12,6 +13,7 @@ from flexstage.hysteresis.coupled_drives.identify import (
     CoupledDriveIdentification,
     identify_coupled_drives,
 )
+from flexstage.hysteresis.coupled_drives.inverse import coupled_commands
 from flexstage.records import Channel, Record
 from tests.shared_data import DATA, needs
 
@@ -19,8 +21,9 @@ pytestmark = [pytest.mark.slow, needs("fine-steering-mirror")]
 
 INPUTS, OUTPUTS = ("u1", "u2", "u3"), ("y1", "y2", "y3")
 RATE, PERIOD = 6400.0, 8192
-#: Largest errors allowed at 100, 200 and 300 mV [µm]: those of a prototype, made by others.
-ALLOWED = (0.086, 0.115, 0.173)
+#: Largest errors allowed at 100, 200 and 300 mV [µm]: 1 % above those of this model, and below
+#: those of a prototype, made by others (0.086, 0.115, 0.173).
+ALLOWED = (0.0857, 0.1130, 0.1668)
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +81,22 @@ def test_modes_soften_with_the_level_and_hardly_gain_damping(
     assert frequency[:, 1] == pytest.approx([814.2, 809.6, 806.3], abs=0.3)
     assert np.all(np.diff(frequency[:, [0, 1, 2, 4, 5]], axis=0) < 0.0)
     assert identification.modes.imaginary_share[1] < 0.06
+
+
+def test_commands_lead_the_model_along_references_through_its_resonances(
+    identification: CoupledDriveIdentification,
+) -> None:
+    # random motion of 1 um to 300 Hz, and to 1.2 kHz: six resonances
+    frequency = np.fft.rfftfreq(2 * PERIOD, 1.0 / RATE)
+    phases = np.exp(2j * np.pi * np.random.default_rng(1).random((frequency.size, 3)))
+    for highest in (300.0, 1200.0):
+        within = (frequency > 2.0) & (frequency < highest)
+        target = np.fft.irfft(within[:, None] * phases, axis=0)
+        target /= np.sqrt(np.mean(target**2))
+        result = coupled_commands(identification.model, target)
+        error = result.predicted - result.reference
+        assert np.sqrt(np.mean(error**2)) < 1e-5
+        assert result.rms_error.max() < 2e-3
 
 
 def test_records_that_have_not_settled_are_named(records: list[Record]) -> None:

@@ -1,4 +1,4 @@
-"""`flexstage identify` of several inputs: a model of coupled drives from records at levels."""
+"""Commands on coupled drives: identified from records at levels, tested, and inverted."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,8 @@ import pytest
 from flexstage.cli import main
 from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
 from flexstage.records import write_record
-from tests.coupled_records import multisine, simulated_records
+from flexstage.records.read import read_files
+from tests.coupled_records import PERIOD, multisine, simulated_records
 
 
 def status(words: list[str]) -> object:
@@ -57,6 +58,50 @@ def test_one_command_gives_table_model_and_figure(
     assert "the model has 2 inputs, a, b; got 1 columns" in capsys.readouterr().err
     assert status(["predict", str(out), str(files[4])]) == 2
     assert "coupled drives need --input and --output" in capsys.readouterr().err
+    follow(out, files[4], tmp_path, capsys)
+
+
+def follow(model: Path, measured: Path, folder: Path, capsys: pytest.CaptureFixture) -> None:
+    """Let the drives repeat the motion of a record, of which they made it."""
+    command, figure = folder / "command.csv", folder / "command.svg"
+    words = ["compensate", str(model), "--reference", str(measured), "--reference-bandwidth", "440"]
+    assert status([*words, "--out", str(command), "--figure", str(figure)]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "predicted error: x " in text
+    assert "predicted less reference" in figure.read_text("utf-8")
+    (record,) = read_files([command], ["a", "b"])
+    voltages = np.column_stack([record.channel(n).values for n in "ab"])[-PERIOD:]
+    true = multisine(0.4, 10)
+    # levels have not settled from rest, as they had in the record; its ends are smoothed
+    difference = (voltages - true)[200:-200]
+    assert np.sqrt(np.mean(difference**2)) < 0.1 * np.sqrt(np.mean(true**2))
+    assert status([*words, "--voltage=-0.5:0.5", "--column", "x,y,z", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["command_range"]["a"] == [-0.5, 0.5]
+    assert data["limited_samples"] > 0
+    assert sorted(data["predicted_rms_error"]) == ["x", "y", "z"]
+    simulated = folder / "simulated.csv"
+    assert status(["twin", str(model), "--play", str(command), "--out", str(simulated)]) == 0
+    (played,) = read_files([simulated], ["x", "y", "z"])
+    (expected,) = read_files([command], ["x predicted", "z predicted"])
+    for name in "xz":
+        values = expected.channel(f"{name} predicted").values
+        assert played.channel(name).values == pytest.approx(values, abs=1e-12)
+    capsys.readouterr()
+    assert status(["twin", str(model)]) == 2
+    assert "no simulated controller" in " ".join(capsys.readouterr().err.split())
+    assert status(["export", str(model), "--to", "all", "--folder", str(folder / "out")]) == 0
+    written = sorted(path.name for path in (folder / "out").rglob("*.*"))
+    assert written == ["model.h", "model.mat", "model_check.csv"]
+    assert "model: exported files" in capsys.readouterr().out
+    assert status(["export", str(model), "--to", "c", "--model", "lumped"]) == 2
+    assert "has no options of a stage" in " ".join(capsys.readouterr().err.split())
+    for other, message in (
+        (("--start", "rest"), "omit --relative and --start"),
+        (("--column", "x,y"), "the model has 3 outputs, x, y, z; got 2 columns"),
+    ):
+        assert status([*words, *other]) == 2
+        assert message in " ".join(capsys.readouterr().err.split())
 
 
 def test_json_has_levels_modes_and_warnings(

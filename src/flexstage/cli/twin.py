@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from flexstage.base.errors import NotConnectedError
+from flexstage.base.errors import ModelError, NotConnectedError
 from flexstage.cli.options import AxisOption, JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     OutputFile,
@@ -47,7 +47,8 @@ def twin(
     Parameters
     ----------
     play
-        FILE: Record whose voltage drives the stack of an axis; no port is opened.
+        FILE: Record whose voltage drives the stack of an axis; no port is opened. STAGE can then
+        be a model of coupled drives, whose inputs are columns of the record.
     out
         Write the voltage and position of --play (.csv, .npz, .h5 or .mat).
     """
@@ -55,18 +56,32 @@ def twin(
     refuse(
         incomplete, "--play and --out are used together, and --axis with them", typer.BadParameter
     )
-    described = options.stage(stage)
+    from flexstage.hysteresis.coupled_drives.model_file import is_coupled_model
+
+    model = Path(stage)
+    described = None if is_coupled_model(model) else options.stage(stage)
     if play is not None and out is not None:
-        from flexstage.instruments.pi.simulated.address import played
         from flexstage.records.write import record_bytes
 
         kind = record_format(out)
         with progress_bar("twin", quiet=quiet):
-            record = played(described, play, axis, request)
+            if described is None:
+                other = axis is not None or options != AS_DESCRIBED or request != TwinRequest()
+                refuse(other, "a model of coupled drives takes --play and --out alone", ModelError)
+                from flexstage.hysteresis.coupled_drives.prediction import played_record
+
+                record = played_record(model, play)
+            else:
+                from flexstage.instruments.pi.simulated.address import played
+
+                record = played(described, play, axis, request)
         write_file(out, record_bytes(record, kind))
-        result = {"stage": described.name, "record": str(play), "files": [str(out)]}
+        name = model.stem if described is None else described.name
+        result = {"stage": name, "record": str(play), "files": [str(out)]}
         print_json(result) if as_json else print_notes(console(), (), [out])
         return
+    if described is None:
+        raise ModelError("coupled drives have no simulated controller: give --play and --out")
     host, port = request.address
     with _stop_event() as stop, _reserve(host, port) as listener:
         from flexstage.instruments.pi.simulated.address import simulated_controller

@@ -3,8 +3,8 @@
 Simulations come from its `DynamicModel`: `fmu_files`, `realtime_files`, `simulink_files`,
 `matlab_files`, `control_system`. Geometry comes from the stage: `step_files`, `dxf_files`;
 diagrams from its equations: `stage_diagram`, `diagram_files`; results from an analysis:
-`field_files`, `universal_files`, `table_files`. Functions that end in ``_files`` return the content
-of each file by its name, and write nothing.
+`field_files`, `universal_files`, `table_files`; from identified drives: `coupled_files`. Functions
+that end in ``_files`` return the content of each file by its name, and write nothing.
 """
 
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.export.control_object import control_system
+    from flexstage.export.coupled.files import coupled_files
     from flexstage.export.diagram.stage_diagram import stage_diagram
     from flexstage.export.diagram.svg import diagram_files
     from flexstage.export.drawing.dxf import dxf_files
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "control_system",
+    "coupled_files",
     "diagram_files",
     "dxf_files",
     "field_files",

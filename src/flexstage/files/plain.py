@@ -14,7 +14,8 @@ from typing import Any
 def plain(value: Any) -> Any:
     """Return a result as plain data: dataclasses as mappings by field, arrays as lists.
 
-    A number that is not finite becomes None, null in JSON; complex numbers are not supported.
+    A number that is not finite becomes None, null in JSON; complex numbers become a mapping of
+    their real and imaginary parts.
 
     Examples
     --------
@@ -33,6 +34,8 @@ def plain(value: Any) -> Any:
             return {key: plain(one) for key, one in value.items()}
         case tuple() | list():
             return [plain(one) for one in value]
+    if hasattr(value, "dtype") and value.dtype.kind == "c":
+        return {"real": plain(value.real), "imaginary": plain(value.imag)}
     if hasattr(value, "tolist"):  # an array or one of its numbers
         return plain(value.tolist())
     assert is_dataclass(value), f"a {type(value).__name__} has no plain data"

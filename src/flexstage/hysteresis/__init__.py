@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.chain.sensor import Sensor
     from flexstage.hysteresis.chain.stage_modes import StageModes
     from flexstage.hysteresis.coupled_drives.identify import identify_coupled_drives
+    from flexstage.hysteresis.coupled_drives.inverse import coupled_commands
     from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
     from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
     from flexstage.hysteresis.drive_model import DriveModel, DriveState, ValidityRange
@@ -83,6 +84,7 @@ __all__ = [
     "Tracking",
     "ValidityRange",
     "assembled_model",
+    "coupled_commands",
     "cycles",
     "dynamic_model",
     "excitation",

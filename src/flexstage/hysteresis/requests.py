@@ -222,7 +222,9 @@ class CompensateRequest(Request):
     amplifier: AmplifierLimits = AmplifierLimits()
     """Limits of the amplifier, such as "slew=2000 V/s,current=50 mA,capacitance=6.4 uF"."""
     reference_bandwidth: PositiveFrequency | None = None
-    """Bandwidth of the smoothed reference (default: a quarter of the resonance of the model)."""
+    """Bandwidth of the smoothed reference (default: a quarter of the resonance of the model; of
+    coupled drives half the band of their records).
+    """
     after: Annotated[float | str, Written("conditioned|rest|TIME|RECORD", read=read_after)] = (
         "conditioned"
     )

@@ -3,9 +3,10 @@
 import math
 
 from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
+from flexstage.hysteresis.coupled_drives.inverse import CoupledCommand
 from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions
 from flexstage.quantities.table import Table, table
-from flexstage.quantities.units import readable_unit
+from flexstage.quantities.units import readable, readable_unit
 
 
 def levels_table(result: CoupledDriveIdentification, caption: str = "") -> Table:
@@ -97,6 +98,32 @@ def coupled_drives_in_words(result: CoupledDriveIdentification) -> list[str]:
     )
     lines.append(f"valid for levels of {', '.join(ranges)} rms")
     return lines
+
+
+def coupled_command_in_words(result: CoupledCommand) -> list[str]:
+    """Return sentences on commands and their predicted errors."""
+    model = result.model
+    ranges = (
+        f"{name} {readable(model.input_unit, low, high, digits=4)}"
+        for name, low, high in zip(
+            model.inputs,
+            result.command.min(0).tolist(),
+            result.command.max(0).tolist(),
+            strict=True,
+        )
+    )
+    errors = (
+        f"{name} {readable(model.output_unit, rms)} rms, {readable(model.output_unit, largest)} at "
+        "most"
+        for name, rms, largest in zip(
+            model.outputs, result.rms_error.tolist(), result.largest_error.tolist(), strict=True
+        )
+    )
+    return [
+        f"{len(result.time)} samples: {'; '.join(ranges)}",
+        f"predicted error: {'; '.join(errors)} (for the model itself: its deviation from the "
+        "measured stage adds to this)",
+    ]
 
 
 def _number(value: float, digits: int = 3) -> str:

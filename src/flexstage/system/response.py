@@ -312,7 +312,7 @@ def _by_exponential(omega: Array, damping_ratio: Array, h: float) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StateSpace:
-    """x' = A x + B u, y = C x + D u in modal coordinates."""
+    """x' = A x + B u, y = C x + D u in modal coordinates, or its form between samples."""
 
     A: Array
     """State matrix, shape (2k, 2k): modal coordinates, then their rates; where a displacement g w
@@ -328,6 +328,8 @@ class StateSpace:
     """Name and unit of each input."""
     outputs: tuple[str, ...]
     """Name and unit of each output."""
+    step: float = 0.0
+    """Step between samples [s], where x' is the state after it; 0 for the derivative."""
 
     __repr__ = short_repr
 
@@ -347,9 +349,8 @@ class StateSpace:
         require_extra("control", "control", "a state space of python-control", ModelError)
         import control  # slow to import
 
-        system: Any = control.ss(
-            self.A, self.B, self.C, self.D, inputs=list(self.inputs), outputs=list(self.outputs)
-        )
+        names = {"inputs": list(self.inputs), "outputs": list(self.outputs)}
+        system: Any = control.ss(self.A, self.B, self.C, self.D, self.step, **names)
         return system
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import RecordError
 from flexstage.base.progress import subtask
+from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
 from flexstage.hysteresis.coupled_drives.periodic import (
@@ -31,6 +32,7 @@ from flexstage.hysteresis.coupled_drives.state_space import (
     ModalSystem,
     modes_of,
     subspace_system,
+    with_both_vectors,
 )
 from flexstage.records.record import Record
 
@@ -92,43 +94,27 @@ class CoupledDriveIdentification(Result):
 
     def data(self) -> dict[str, Any]:
         """Return levels, modes and errors as plain data."""
-        levels = [
-            {
-                "input_rms": level.input_rms,
-                "output_rms": level.output_rms,
-                "records": level.records,
-                "noise": _plain(level.noise),
-                "floor": _plain(level.floor),
-                "linear_error": level.linear_error,
-                "error": level.error,
-                "held_out": _plain(self.held_out[k]) if self.held_out else None,
-            }
-            for k, level in enumerate(self.levels)
-        ]
+        names = ["input_rms", "output_rms", "records", "noise", "floor", "linear_error", "error"]
+        held_out = self.held_out or (None,) * len(self.levels)
         modes = [
             {
-                "frequency_hz": [_plain(level.frequency_hz[i]) for level in self.levels],
-                "damping_ratio": [_plain(level.damping_ratio[i]) for level in self.levels],
-                "input_shape": self.modes.input_shapes[i].tolist(),
-                "imaginary_share": float(self.modes.imaginary_share[i]),
-                "compliance": float(self.model.drives.compliance[i]),
+                "frequency_hz": [level.frequency_hz[i] for level in self.levels],
+                "damping_ratio": [level.damping_ratio[i] for level in self.levels],
+                "input_shape": self.modes.input_shapes[i],
+                "imaginary_share": self.modes.imaginary_share[i],
+                "compliance": self.model.drives.compliance[i],
             }
             for i in range(self.modes.frequency_hz.size)
         ]
-        drives = self.model.drives
-        softening = {
-            "strength": drives.strength.tolist(),
-            "exponent": drives.exponent,
-            "force_gains": drives.force_gains.tolist(),
-            "memory_gains": drives.memory_gains.tolist(),
-        }
+        softening = "strength", "exponent", "force_gains", "memory_gains"
         return {
-            "levels": levels,
-            "modes": modes,
-            "softening": softening,
-            "order": self.model.system.order,
-            "warnings": list(self.warnings),
-            "notes": list(self.notes),
+            "levels": [
+                {**picked(level, *names), "held_out": plain(error)}
+                for level, error in zip(self.levels, held_out, strict=True)
+            ],
+            "modes": plain(modes),
+            "softening": picked(self.model.drives, *softening),
+            **picked(self, "order=model.system.order", "warnings", "notes"),
         }
 
 
@@ -204,7 +190,10 @@ def identify_coupled_drives(
     weights = np.array(outputs_rms)[steady.level] ** -0.5
     weights /= np.sqrt(np.mean((weights * np.array(linear_errors)[steady.level]) ** 2))
     drives, total, response = _drives(steady, modes, weights)
-    system = _chosen_system(response, total, steady, weights)
+    # longer impulse responses than the modes need: a sharper response above them
+    blocks = min(3 * HANKEL_BLOCKS // 2, steady.period // 2)
+    system = _chosen_system(response, total, steady, weights, blocks=blocks)
+    system = with_both_vectors(system, response, steady.z)
     units = (
         {records[0].channel(c).unit for c in inputs},
         {records[0].channel(c).unit for c in outputs},
@@ -221,6 +210,7 @@ def identify_coupled_drives(
         level_range=tuple(
             (float(low), float(high)) for low, high in zip(rms.min(0), rms.max(0), strict=True)
         ),
+        band_hz=(float(steady.frequency_hz[0]), highest),
     )
     residuals = _residuals(system, steady, total)
     levels = []
@@ -274,11 +264,6 @@ def held_out_errors(
     )
 
 
-def _plain(value: float) -> float | None:
-    """Return a number as JSON has it: none for what is not known."""
-    return None if math.isnan(value) else float(value)
-
-
 def _error(values: Complex) -> float:
     """Return the rms of a signal over records and channels from its spectra."""
     return float(np.sqrt(np.sum(np.abs(values) ** 2) / (values.shape[0] * values.shape[2])))
@@ -310,19 +295,8 @@ def _drives(
     """Return the drives, the voltages with what they add, and the linear response behind them."""
     start = starting_values(modes, spectra)
     if spectra.levels == 1:
-        m = spectra.inputs.shape[2]
-        still = Softening(
-            compliance=np.zeros(modes.frequency_hz.size),
-            force_gains=start.force_gains,
-            strength=np.zeros(m),
-            exponent=start.exponent,
-            memory_gains=np.zeros(3),
-            frequency_hz=modes.frequency_hz,
-            damping_ratio=modes.damping_ratio,
-            input_shapes=modes.input_shapes,
-            force_reference=np.zeros(m),
-            voltage_reference=start.voltage_reference,
-        )
+        nothing = {n: 0.0 * getattr(start, n) for n in ("compliance", "strength", "memory_gains")}
+        still = replace(start, **nothing)
         response, _ = best_linear(spectra.inputs, spectra.outputs, weights)
         return still, spectra.inputs, response
     fit = SofteningFit(spectra, weights)
@@ -339,6 +313,7 @@ def _chosen_system(
     spectra: PeriodicSpectra,
     weights: Array,
     largest: int = _ORDERS[-1],
+    blocks: int = HANKEL_BLOCKS,
 ) -> ModalSystem:
     """Return the linear system of the order with the smallest Bayesian criterion."""
     records, lines, p = spectra.outputs.shape
@@ -347,7 +322,7 @@ def _chosen_system(
     for order in _ORDERS:
         if order > min(largest, lines // 4):
             break
-        system = subspace_system(response, spectra.lines, spectra.period, order)
+        system = subspace_system(response, spectra.lines, spectra.period, order, blocks)
         weighted = _residuals(system, spectra, total) * weights[:, None, None]
         parameters = order * (p + total.shape[2])
         criterion = count * math.log(_error(weighted) ** 2) + parameters * math.log(count)

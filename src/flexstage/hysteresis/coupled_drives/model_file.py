@@ -1,16 +1,15 @@
 """The file that holds an identified model of coupled drives: readable text, checked when read."""
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError
 from flexstage.files.decoder import Decoder, read_file
 from flexstage.files.format import Form, Format
 from flexstage.files.nodes import Node
+from flexstage.files.plain import plain
 from flexstage.files.yaml_text import plain_dumper
 from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
 from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
@@ -47,19 +46,6 @@ COUPLED_MODEL_FILE = Format(
 )
 
 
-def _written(value: Any) -> Any:
-    """Return descriptions and arrays as plain data."""
-    if is_dataclass(value):
-        return {f.name: _written(getattr(value, f.name)) for f in fields(value)}
-    if isinstance(value, tuple):
-        return [_written(v) for v in value]
-    if isinstance(value, np.ndarray):
-        if np.iscomplexobj(value):
-            return {"real": value.real.tolist(), "imaginary": value.imag.tolist()}
-        return value.tolist()
-    return value
-
-
 def coupled_model_text(result: CoupledDriveIdentification) -> str:
     """Return the model of an identification as YAML, which `read_coupled_model` reads."""
     import yaml
@@ -70,7 +56,7 @@ def coupled_model_text(result: CoupledDriveIdentification) -> str:
         warnings=result.warnings,
     )
     return yaml.dump(
-        {COUPLED_MODEL_FILE.key: COUPLED_MODEL_FILE.version, **_written(content)},
+        {COUPLED_MODEL_FILE.key: COUPLED_MODEL_FILE.version, **plain(content)},
         Dumper=plain_dumper(),
         sort_keys=False,
         allow_unicode=True,

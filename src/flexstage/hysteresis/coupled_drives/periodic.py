@@ -1,7 +1,7 @@
 """Periodic records of several inputs and outputs: their spectra, levels, noise and distortion."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,16 +64,8 @@ class PeriodicSpectra:
     def of(self, records: NDArray[Any]) -> "PeriodicSpectra":
         """Return the spectra of some of the records, by number or mask."""
         numbers = np.arange(len(self.level))[records]
-        return PeriodicSpectra(
-            inputs=self.inputs[numbers],
-            outputs=self.outputs[numbers],
-            lines=self.lines,
-            period=self.period,
-            sample_rate_hz=self.sample_rate_hz,
-            level=self.level[numbers],
-            noise=self.noise[numbers],
-            names=tuple(self.names[k] for k in numbers),
-        )
+        parts = {n: getattr(self, n)[numbers] for n in ("inputs", "outputs", "level", "noise")}
+        return replace(self, names=tuple(self.names[k] for k in numbers), **parts)
 
     def unsteady(self) -> NDArray[np.bool_]:
         """Return which records were not in steady state, shape (R,).

@@ -3,16 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
+from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.coupled_drives.model import LEVEL_TIME_CONSTANT, CoupledDriveModel
 from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
-from flexstage.records.record import Record
+from flexstage.records.read import read_files
+from flexstage.records.record import Channel, Record
 
 #: Time constants of the level until the state before a record is forgotten.
 _WARM_UP = 3.0
@@ -62,18 +64,10 @@ class CoupledPredictions(Result):
 
     def data(self) -> dict[str, Any]:
         """Return the errors on each record as plain data."""
+        errors = "record=source output_rms error largest_error=largest samples_not_counted=warm_up"
         return {
             "output_unit": self.model.output_unit,
-            "records": [
-                {
-                    "record": p.source,
-                    "output_rms": p.output_rms,
-                    "error": p.error,
-                    "largest_error": p.largest,
-                    "samples_not_counted": p.warm_up,
-                }
-                for p in self.predictions
-            ],
+            "records": [picked(p, *errors.split()) for p in self.predictions],
         }
 
 
@@ -86,17 +80,51 @@ def predict_coupled_drives(
     a shorter record.
     """
     model = read_coupled_model(path)
-    for names, columns, role in (
-        (model.inputs, inputs, "inputs"),
-        (model.outputs, outputs, "outputs"),
-    ):
-        if len(names) != len(columns):
-            raise RecordError(
-                f"the model has {len(names)} {role}, {', '.join(names)}; got {len(columns)} columns"
-            )
+    for record in records:
+        require_columns(model, record, "inputs", inputs)
+        require_columns(model, record, "outputs", outputs)
     return CoupledPredictions(
         model=model,
         predictions=tuple(_predict(model, record, inputs, outputs) for record in records),
+    )
+
+
+def require_columns(
+    model: CoupledDriveModel,
+    record: Record,
+    role: Literal["inputs", "outputs"],
+    selected: Sequence[str | int],
+) -> None:
+    """Refuse columns of another number, or a record of another sample rate, than a model has."""
+    names = getattr(model, role)
+    if len(names) != len(selected):
+        raise RecordError(
+            f"the model has {len(names)} {role}, {', '.join(names)}; got {len(selected)} columns"
+        )
+    if abs(record.sample_rate_hz / model.sample_rate_hz - 1.0) > 1e-6:
+        raise RecordError(
+            f"{Path(record.source).name or 'the record'} has {record.sample_rate_hz:g} Hz and the "
+            f"model {model.sample_rate_hz:g} Hz: resample the record"
+        )
+
+
+def played_record(path: Path, file: Path) -> Record:
+    """Return voltages of a file and what the model of coupled drives reads, from rest."""
+    model = read_coupled_model(path)
+    (record,) = read_files([file], model.inputs, even=True)
+    require_columns(model, record, "inputs", model.inputs)
+    inputs = tuple(record.channel(name) for name in model.inputs)
+    readings, _ = model.simulate(np.column_stack([c.values for c in inputs]))
+    outputs = (
+        Channel(name=name, values=np.ascontiguousarray(values), unit=model.output_unit)
+        for name, values in zip(model.outputs, readings.T, strict=True)
+    )
+    return Record(
+        channels=(*inputs, *outputs),
+        time=record.time,
+        source=f"simulated by {path.name}",
+        notes=("simulated: nothing in it was measured",),
+        attributes={"simulated": "yes"},
     )
 
 
@@ -106,12 +134,6 @@ def _predict(
     inputs: Sequence[str | int],
     outputs: Sequence[str | int],
 ) -> CoupledPrediction:
-    source = Path(record.source).name or "record"
-    if abs(record.sample_rate_hz / model.sample_rate_hz - 1.0) > 1e-6:
-        raise RecordError(
-            f"{source} has {record.sample_rate_hz:g} Hz and the model {model.sample_rate_hz:g} Hz: "
-            "resample the record"
-        )
     voltages = np.column_stack([record.channel(c).values for c in inputs])
     measured = np.column_stack([record.channel(c).values for c in outputs])
     predicted, _ = model.simulate(voltages)
@@ -119,7 +141,7 @@ def _predict(
     counted = slice(min(settling, record.size // 3), None)
     measured, predicted = measured[counted], predicted[counted]
     return CoupledPrediction(
-        source=source,
+        source=Path(record.source).name or "record",
         time=record.time[counted],
         measured=measured - measured.mean(0),
         predicted=predicted - predicted.mean(0),

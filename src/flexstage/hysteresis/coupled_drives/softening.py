@@ -149,22 +149,23 @@ def mode_poles(frequency_hz: Array, damping_ratio: Array) -> tuple[Complex, Comp
     return pole, omega**2 / (2j * pole.imag)
 
 
+def _straight_responses(pole: NDArray[Any], z: Complex, step: float) -> Complex:
+    """Return the responses of states that inputs drive that are straight between the samples."""
+    e, before, after = straight_gains(pole[:, None], step)
+    return (before + after * z) / (z - e)
+
+
 def mode_responses(frequency_hz: Array, damping_ratio: Array, z: Complex, step: float) -> Complex:
     """Return the response of modes of unit static gain, shape (M, L)."""
     pole, residue = mode_poles(frequency_hz, damping_ratio)
-    total = np.zeros((pole.size, z.size), dtype=complex)
-    for s, r in ((pole, residue), (np.conj(pole), np.conj(residue))):
-        e, before, after = straight_gains(s, step)
-        total += r[:, None] * (before[:, None] + after[:, None] * z) / (z - e[:, None])
-    return total
+    upper = residue[:, None] * _straight_responses(pole, z, step)
+    return upper + np.conj(residue[:, None] * _straight_responses(pole, np.conj(z), step))
 
 
 def memory_responses(z: Complex, step: float) -> Complex:
     """Return the three responses that g is made of: direct, and lags of unit gain, shape (3, L)."""
     pole = -2.0 * np.pi * np.array(MEMORY_CORNERS_HZ)
-    e, before, after = straight_gains(pole, step)
-    lags = -pole[:, None] * (before[:, None] + after[:, None] * z) / (z - e[:, None])
-    return np.vstack((np.ones_like(z)[None], lags))
+    return np.vstack((np.ones_like(z)[None], -pole[:, None] * _straight_responses(pole, z, step)))
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -363,12 +364,10 @@ class SofteningFit:
         d_force[:k] = (h * projected.T)[:, :, None] * b[:, None, :]
         at = k
         for i in range(m):
-            for j in range(m):
-                d_force[at, :, i] = u[:, j]
-                at += 1
-        for j in range(m):
-            d_extra[at, :, j] = state.gains[r, j] * force[:, j]
-            at += 1
+            d_force[at : at + m, :, i] = u.T
+            at += m
+        d_extra[range(at, at + m), :, range(m)] = (state.gains[r] * force).T
+        at += m
         power = state.sigma**drives.exponent * np.log(state.sigma)
         d_extra[at] = drives.strength * (power[r] - power.mean(0)) * force
         at += 1

@@ -1,6 +1,6 @@
 """A linear system of several inputs and outputs from its frequency response."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -33,35 +33,11 @@ class ModalSystem:
 
     def response(self, z: Complex) -> Complex:
         """Return the frequency response, shape (L, p, m)."""
-        total = np.broadcast_to(self.feedthrough, (len(z), *self.feedthrough.shape))
-        first = 1.0 / (z[:, None] - self.poles)
-        second = (self.poles.imag > 0.0) / (z[:, None] - np.conj(self.poles))
-        c, b = self.output_shapes, self.input_shapes
-        return (
-            total
-            + np.einsum("ln,pn,nm->lpm", first, c, b, optimize=True)
-            + np.einsum("ln,pn,nm->lpm", second, np.conj(c), np.conj(b), optimize=True)
-        )
-
-    def matrices(self) -> tuple[Array, Array, Array, Array]:
-        """Return real matrices A, B, C, D of the state space, A of blocks of one or two states."""
-        n = self.order
-        a, b = np.zeros((n, n)), np.zeros((n, self.input_shapes.shape[1]))
-        c = np.zeros((self.output_shapes.shape[0], n))
-        at = 0
-        for pole, out, into in zip(
-            self.poles, self.output_shapes.T, self.input_shapes, strict=True
-        ):
-            if pole.imag > 0.0:
-                pair = slice(at, at + 2)
-                a[pair, pair] = [[pole.real, -pole.imag], [pole.imag, pole.real]]
-                b[pair] = into.real, into.imag
-                c[:, pair] = np.column_stack((2.0 * out.real, -2.0 * out.imag))
-                at += 2
-            else:
-                a[at, at], b[at], c[:, at] = pole.real, into.real, out.real
-                at += 1
-        return a, b, c, self.feedthrough
+        pairs, c, b = self.poles.imag > 0.0, self.output_shapes, self.input_shapes
+        terms = 1.0 / (z[:, None] - np.concatenate((self.poles, np.conj(self.poles[pairs]))))
+        c = np.concatenate((c, np.conj(c[:, pairs])), axis=1)
+        b = np.concatenate((b, np.conj(b[pairs])))
+        return self.feedthrough + np.einsum("ln,pn,nm->lpm", terms, c, b, optimize=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,12 +55,7 @@ class IdentifiedModes:
 
     def of(self, numbers: Integers) -> "IdentifiedModes":
         """Return some of the modes."""
-        return IdentifiedModes(
-            frequency_hz=self.frequency_hz[numbers],
-            damping_ratio=self.damping_ratio[numbers],
-            input_shapes=self.input_shapes[numbers],
-            imaginary_share=self.imaginary_share[numbers],
-        )
+        return IdentifiedModes(**{f.name: getattr(self, f.name)[numbers] for f in fields(self)})
 
 
 #: Rows and columns of the block Hankel matrix: impulse responses over twice as many samples.
@@ -185,3 +156,14 @@ def with_inputs(poles: Complex, outputs: Complex, response: Complex, z: Complex)
         input_shapes=inputs,
         feedthrough=weights[n + int(pairs.sum()) :],
     )
+
+
+def with_both_vectors(system: ModalSystem, response: Complex, z: Complex) -> ModalSystem:
+    """Return the system of the same poles whose output and input vectors fit a response best.
+
+    Each is a linear problem if the others are known: they are solved in turn, three times.
+    """
+    for _ in range(3):
+        turned = with_inputs(system.poles, system.input_shapes.T, np.swapaxes(response, 1, 2), z)
+        system = with_inputs(system.poles, turned.input_shapes.T, response, z)
+    return system

@@ -4,7 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
+from flexstage.hysteresis.coupled_drives.inverse import CoupledCommand
+from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
 from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions
 from flexstage.report.figures.style import (
     CYCLE,
@@ -63,17 +66,44 @@ _SAMPLES = 600
 def draw_coupled_prediction(result: CoupledPredictions) -> "Figure":
     """Draw the end of the first record: each output as measured, and its error."""
     prediction, model = result.predictions[0], result.model
+    measured, end = prediction.measured, slice(-_SAMPLES, None)
+    lines = {"measured": measured, "measured less predicted": measured - prediction.predicted}
+    last = {label: values[end] for label, values in lines.items()}
+    return _draw_outputs(prediction.time[end], last, model, prediction.source)
+
+
+def draw_coupled_command(result: CoupledCommand) -> "Figure":
+    """Draw the reference of each output with its predicted error, and the commands."""
+    lines = {
+        "reference": result.reference,
+        "predicted less reference": result.predicted - result.reference,
+    }
+    return _draw_outputs(result.time, lines, result.model, "", result.command)
+
+
+def _draw_outputs(
+    time: Array,
+    lines: dict[str, Array],
+    model: CoupledDriveModel,
+    title: str,
+    commands: Array | None = None,
+) -> "Figure":
+    """Draw lines of all outputs, one diagram each, and commands in a diagram below."""
+    outputs = len(model.outputs)
+    count = outputs + (commands is not None)
+    figure, plots = panels(9.6, 0.6 + 1.7 * count, count, 1)
     unit, factor = scale(model.output_unit)
-    figure, plots = panels(9.6, 0.6 + 1.7 * len(model.outputs), len(model.outputs), 1)
-    end = slice(-_SAMPLES, None)
-    for axes, name, measured, predicted in zip(
-        plots, model.outputs, prediction.measured.T, prediction.predicted.T, strict=True
-    ):
-        time = prediction.time[end]
-        axes.plot(time, factor * measured[end], color=INK, linewidth=1.0, label="measured")
-        error = factor * (measured - predicted)[end]
-        axes.plot(time, error, color=CYCLE[1], linewidth=1.0, label="measured less predicted")
-        label_axes(axes, "time [s]" if name == model.outputs[-1] else "", f"{name}{unit}")
-    set_title(plots[0], prediction.source)
+    for i, (axes, name) in enumerate(zip(plots, model.outputs, strict=False)):
+        for (label, values), colour in zip(lines.items(), (INK, CYCLE[1]), strict=True):
+            axes.plot(time, factor * values[:, i], color=colour, linewidth=1.0, label=label)
+        label_axes(axes, "", f"{name}{unit}")
     add_legend(plots[0], loc="upper right", ncols=2)
+    if commands is not None:
+        for i, name in enumerate(model.inputs):
+            colour = CYCLE[i % len(CYCLE)]
+            plots[-1].plot(time, commands[:, i], color=colour, linewidth=1.0, label=name)
+        add_legend(plots[-1], loc="upper right", ncols=len(model.inputs))
+        label_axes(plots[-1], "", f"command [{model.input_unit}]")
+    plots[-1].set_xlabel("time [s]", fontsize=8.5)
+    set_title(plots[0], title)
     return figure
