@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from flexstage.base.errors import NotConnectedError
+from flexstage.base.errors import NotConnectedError, RecordError
 from flexstage.cli.options import AxisOption, JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     OutputFile,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def twin(
     stage: StageArgument,
     request: TwinRequest,
-    play: Path | None = None,
+    play: list[Path] | None = None,
     axis: AxisOption = None,
     out: OutputFile = None,
     options: StageOptions = AS_DESCRIBED,
@@ -47,25 +47,50 @@ def twin(
     Parameters
     ----------
     play
-        FILE: Record whose voltage drives the stack of an axis; no port is opened.
+        FILE: Record whose voltage drives the stack of an axis; no port is opened. May be repeated:
+        the records are played one after another.
     out
-        Write the voltage and position of --play (.csv, .npz, .h5 or .mat).
+        Write the voltage and position of the last --play (.csv, .npz, .h5 or .mat).
     """
-    incomplete = (play is None) != (out is None) or (axis is not None and play is None)
+    incomplete = bool(play) != (out is not None) or (axis is not None and not play)
     refuse(
         incomplete, "--play and --out are used together, and --axis with them", typer.BadParameter
     )
     described = options.stage(stage)
-    if play is not None and out is not None:
+    if play and out is not None:
+        import numpy as np
+
         from flexstage.instruments.pi.simulated.address import played
+        from flexstage.quantities.units import readable
         from flexstage.records.write import record_bytes
 
         kind = record_format(out)
+        same = out.resolve() in (record.resolve() for record in play)
+        refuse(same, f"--out {out} is a record of --play: name another file", RecordError)
         with progress_bar("twin", quiet=quiet):
-            record = played(described, play, axis, request)
+            record, error = played(described, play, axis, request)
         write_file(out, record_bytes(record, kind))
-        result = {"stage": described.name, "record": str(play), "files": [str(out)]}
-        print_json(result) if as_json else print_notes(console(), (), [out])
+        tracking = (
+            {}
+            if error is None
+            else {
+                "rms": float(np.sqrt(np.mean(error**2))),
+                "largest": float(np.max(np.abs(error))),
+                "mean": float(np.mean(error)),
+            }
+        )
+        if as_json:
+            files = {"records": [*map(str, play)], "files": [str(out)]}
+            print_json({"stage": described.name, **files, "tracking": tracking or None})
+            return
+        if tracking:
+            unit = record.channels[-1].unit
+            rms, largest, mean = (readable(unit, value) for value in tracking.values())
+            console().print(
+                f"reading less reference of {play[-1]}: {rms} rms, {largest} at most, {mean} on "
+                "average"
+            )
+        print_notes(console(), (), [out])
         return
     host, port = request.address
     with _stop_event() as stop, _reserve(host, port) as listener:
