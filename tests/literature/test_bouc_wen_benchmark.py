@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 from scipy.signal import firwin, resample
 
-from benchmarks.oscillator.identification import (
-    OscillatorIdentification,
-    identify_oscillator,
-)
-from benchmarks.oscillator.oscillator import BoucWenOscillator
 from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.oscillator.identify import (
+    OscillatorFit,
+    fit_oscillator,
+)
+from flexstage.hysteresis.oscillator.model import BoucWenOscillator
 from tests.shared_data import DATA, needs
 from tests.tiers import sizes
 
@@ -128,8 +128,8 @@ def test_straight_lines_between_samples_are_not_enough() -> None:
 
 
 @functools.cache
-def identified() -> OscillatorIdentification:
-    return identify_oscillator(*read("train.h5", "multisine"), RATE)
+def identified() -> OscillatorFit:
+    return fit_oscillator(*read("train.h5", "multisine"), RATE)
 
 
 @pytest.mark.slow
@@ -160,14 +160,14 @@ def test_random_starts_reach_the_same_optimum(starts: int) -> None:
     rng, unit = np.random.default_rng(11), 0.5 / np.std(y)
     for _ in range(starts):
         start = (unit * 10.0 ** rng.uniform(-0.7, 1.0), unit * rng.uniform(-4.0, 4.0))
-        found = identify_oscillator(u, y, RATE, start=start)
+        found = fit_oscillator(u, y, RATE, start=start)
         assert found.rms == pytest.approx(identified().rms, rel=1e-8)
         assert found.model.beta_gamma == pytest.approx(identified().model.beta_gamma, rel=1e-4)
 
 
 @pytest.mark.slow
 def test_a_free_exponent_is_one() -> None:
-    found = identify_oscillator(*read("train.h5", "multisine"), RATE, exponent=None)
+    found = fit_oscillator(*read("train.h5", "multisine"), RATE, exponent=None)
     error = found.standard_errors()["exponent"]
     assert error < 2e-3
     assert found.model.exponent == pytest.approx(1.0, abs=4.0 * error)

@@ -23,7 +23,7 @@ from flexstage.cli.predict import print_predictions
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.files.ranges import Written
 from flexstage.files.request import Request
-from flexstage.hysteresis.requests import IdentifyRequest, rowwise
+from flexstage.hysteresis.requests import OSCILLATOR, IdentifyRequest, rowwise
 from flexstage.records.read_options import DriveColumns, ReadOptions
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
     from flexstage.hysteresis.identification.result import Identification
+    from flexstage.hysteresis.oscillator.identify import OscillatorIdentification
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,6 +100,26 @@ def identify(
         else:
             print_coupled_drives(console(), result, files)
         return
+    if OSCILLATOR in request.model:
+        alone = IdentifyRequest(model=(OSCILLATOR,))
+        refuse(
+            request != alone or len(records) > 1 or columns.is_table or comparison.stage,
+            f"{OSCILLATOR} is identified from one record over time without other models, options "
+            "of a drive or --stage: omit them",
+            RecordError,
+        )
+        oscillator = _oscillator(records, columns, comparison.test_record, read_options, quiet)
+        files = write_picture(figure, oscillator.plot)
+        if out is not None:
+            from flexstage.hysteresis.oscillator.model_file import oscillator_text
+
+            write_file(out, oscillator_text(oscillator.model).encode())
+            files.insert(0, out)
+        if json:
+            print_result(oscillator.to_dict(), files)
+        else:
+            print_oscillator(console(), oscillator, files)
+        return
     from flexstage.hysteresis.identification.identify import identified_file
     from flexstage.hysteresis.identification.identify import identify as run
     from flexstage.hysteresis.model_file import model_text
@@ -157,6 +178,40 @@ def _coupled_drives(
             training, columns.input, columns.output, test_records=test_records
         )
     return result, coupled_model_text(result)
+
+
+def _oscillator(
+    files: list[Path],
+    columns: DriveColumns,
+    tests: tuple[Path, ...],
+    read_options: ReadOptions,
+    quiet: bool,
+) -> "OscillatorIdentification":
+    from flexstage.hysteresis.oscillator.identify import identify_oscillator
+    from flexstage.records.drives import read_drive
+
+    (record, *test_records), driven, follows = read_drive([*files, *tests], columns, read_options)
+    with progress_bar("identify", quiet=quiet):
+        result = identify_oscillator(record, driven, follows)
+    tested = result.model.predictions(test_records, (driven, follows)) if tests else None
+    return replace(result, tested=tested)
+
+
+def print_oscillator(
+    screen: "Console", result: "OscillatorIdentification", files: list[Path]
+) -> None:
+    """Print the parameters of an oscillator, and its errors."""
+    from flexstage.cli.predict import print_coupled_predictions
+    from flexstage.report.coupled_drives import oscillator_in_words, oscillator_table
+
+    display_table(screen, oscillator_table(result))
+    for line in oscillator_in_words(result):
+        screen.print(line, markup=False)
+    if result.tested is not None:
+        print_coupled_predictions(screen, result.tested, "test on other records")
+    for warning in result.fit.warnings:
+        screen.print(f"warning: {warning}", style="yellow", markup=False)
+    print_notes(screen, result.notes, files)
 
 
 def print_coupled_drives(

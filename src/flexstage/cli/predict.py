@@ -55,23 +55,27 @@ def predict(
         Draw the measured and the predicted loop of the first record (.svg, .png or .pdf).
     """
     from flexstage.hysteresis.coupled_drives.model_file import is_coupled_model
+    from flexstage.hysteresis.oscillator.model_file import is_oscillator, read_oscillator
+    from flexstage.records.drives import read_drive
 
-    if is_coupled_model(model):
-        refuse(request.start != "auto", "coupled drives start at rest: omit --start", RecordError)
-        missing = not columns.input or not columns.output
-        refuse(missing, "coupled drives need --input and --output: name the columns", RecordError)
-        from flexstage.report.coupled_drives import coupled_predictions_table
-
-        coupled = _coupled_drives(model, records, columns, read_options)
+    if (oscillator := is_oscillator(model)) or is_coupled_model(model):
+        kind = "an oscillator" if oscillator else "coupled drives"
+        refuse(request.start != "auto", f"--start is not known for {kind}: omit it", RecordError)
+        if oscillator:
+            records_read, *pair = read_drive(records, columns, read_options)
+            coupled = read_oscillator(model).predictions(records_read, (pair[0], pair[1]))
+        else:
+            missing = not columns.input or not columns.output
+            refuse(missing, f"{kind} need --input and --output: name the columns", RecordError)
+            coupled = _coupled_drives(model, records, columns, read_options)
         files = write_picture(figure, coupled.plot)
         if json:
             print_result(coupled.to_dict(), files)
             return
-        display_table(console(), coupled_predictions_table(coupled, f"coupled drives, {model}"))
+        print_coupled_predictions(console(), coupled, f"{kind}, {model}")
         print_notes(console(), (), files)
         return
     from flexstage.hysteresis.prediction import predict_by_file
-    from flexstage.records.drives import read_drive
     from flexstage.report.identification import band_in_words
 
     records_read, driven, follows = read_drive(records, columns, read_options)
@@ -96,6 +100,15 @@ def _coupled_drives(
     names = [*columns.input, *columns.output]
     records = read_files(files, names, options=read_options, even=True)
     return predict_coupled_drives(model, records, columns.input, columns.output)
+
+
+def print_coupled_predictions(screen: "Console", coupled: "CoupledPredictions", title: str) -> None:
+    """Print the errors of a model of coupled drives, or of an oscillator, on records."""
+    from flexstage.report.coupled_drives import coupled_predictions_table
+
+    display_table(screen, coupled_predictions_table(coupled, title))
+    for prediction in coupled.predictions:
+        print_notes(screen, prediction.notes)
 
 
 def print_predictions(

@@ -1,11 +1,12 @@
-"""The identification of coupled drives, as tables and as sentences."""
+"""The identification of coupled drives and oscillators, as tables and as sentences."""
 
 import math
 
 from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
 from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions
+from flexstage.hysteresis.oscillator.identify import OscillatorIdentification
 from flexstage.quantities.table import Table, table
-from flexstage.quantities.units import readable_unit
+from flexstage.quantities.units import readable, readable_unit
 
 
 def levels_table(result: CoupledDriveIdentification, caption: str = "") -> Table:
@@ -97,6 +98,45 @@ def coupled_drives_in_words(result: CoupledDriveIdentification) -> list[str]:
     )
     lines.append(f"valid for levels of {', '.join(ranges)} rms")
     return lines
+
+
+def oscillator_table(result: OscillatorIdentification) -> Table:
+    """Return the parameters of an oscillator, with standard errors."""
+    u, y = result.model.input_unit, result.model.output_unit
+    stiffness = f"{u}/{y}" if u and y else ""
+    units = {
+        "mass": "kg" if (u, y) == ("N", "m") else f"{u} s^2/{y}" if stiffness else "",
+        "damping": f"{u} s/{y}" if stiffness else "",
+        "stiffness": stiffness,
+        "alpha": stiffness,
+        "initial_displacement": y,
+        "initial_velocity": f"{y}/s" if y else "",
+        "initial_force": u,
+        "offset": y,
+    }
+    for name in ("beta_gamma", "beta_delta"):
+        units[name] = f"1/{y}" if y and "exponent" not in result.fit.names else ""
+    errors = result.fit.standard_errors()
+    rows = [
+        (name.replace("_", " "), f"{value:.5g}", f"{errors[name]:.2g}", units.get(name, ""))
+        for name, value in zip(result.fit.names, result.fit.values(), strict=True)
+    ]
+    caption = f"oscillator with a Bouc-Wen force: {result.fitted.predictions[0].source}"
+    return table(caption, ("name", "value", "standard error", "<unit"), rows)
+
+
+def oscillator_in_words(result: OscillatorIdentification) -> list[str]:
+    """Return what was identified of an oscillator."""
+    model, fitted = result.model, result.fitted.predictions[0]
+    unit = model.output_unit
+    error, motion, largest = (
+        readable(unit, value) for value in (fitted.error, fitted.output_rms, model.largest)
+    )
+    return [
+        f"natural frequency of small motion {model.frequency_hz:.4g} Hz",
+        f"fitted: error {error} rms of a motion of {motion} rms, "
+        f"{100.0 * fitted.error / fitted.output_rms:.2g} %; valid up to {largest} from rest",
+    ]
 
 
 def _number(value: float, digits: int = 3) -> str:

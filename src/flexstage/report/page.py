@@ -147,6 +147,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ModalFit", "resonance"): ("modal_fit.draw_resonance", "fit"),
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
     ("CoupledPredictions", ""): ("coupled_drives.draw_coupled_prediction", "result"),
+    ("OscillatorIdentification", ""): ("coupled_drives.draw_coupled_prediction", "result=fitted"),
     ("CoupledDriveIdentification", ""): ("coupled_drives.draw_coupled_drives", "result"),
     ("CentredRecords", ""): ("centring.draw_centred", "centred"),
     ("CompensationCommand", ""): (

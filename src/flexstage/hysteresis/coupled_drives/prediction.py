@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -14,24 +14,35 @@ from flexstage.hysteresis.coupled_drives.model import LEVEL_TIME_CONSTANT, Coupl
 from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
 from flexstage.records.record import Record
 
+
+class _PredictedModel(Protocol):
+    @property
+    def outputs(self) -> tuple[str, ...]: ...
+
+    @property
+    def output_unit(self) -> str: ...
+
+
 #: Time constants of the level until the state before a record is forgotten.
 _WARM_UP = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CoupledPrediction:
-    """A model on one record; the constant of each output is free."""
+    """A model on one record; less the means of coupled drives, or the offset of an oscillator."""
 
     source: str
     """The record."""
     time: Array
     """Times of the counted samples [s], shape (n,)."""
     measured: Array
-    """Measured outputs less their means, shape (n, p)."""
+    """Measured outputs, shape (n, p)."""
     predicted: Array
-    """Predicted outputs less their means, shape (n, p)."""
+    """Predicted outputs, shape (n, p)."""
     warm_up: int
     """Number of first samples that are not counted."""
+    notes: tuple[str, ...] = ()
+    """Assumptions."""
 
     @property
     def output_rms(self) -> float:
@@ -51,11 +62,11 @@ class CoupledPrediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CoupledPredictions(Result):
-    """A model of coupled drives on several records."""
+    """A model of coupled drives, or of an oscillator, on several records."""
 
     table_key: ClassVar[str] = "records"
 
-    model: CoupledDriveModel
+    model: _PredictedModel
     """The model."""
     predictions: tuple[CoupledPrediction, ...]
     """The model on each record."""
