@@ -99,7 +99,7 @@ def test_other_options_are_refused(
 ) -> None:
     status, _, err = run(capsys, "identify", files[0], *COLUMNS, *words)
     assert (status, err.count("\n")) == (2, 1)
-    assert "bouc-wen-oscillator is identified from one record over time" in err
+    assert "bouc-wen-oscillator is identified without other models" in err
 
 
 # Hardening, which no Bouc-Wen force has, in a motion of other code.

@@ -57,13 +57,14 @@ def predict(
     from flexstage.hysteresis.coupled_drives.model_file import is_coupled_model
     from flexstage.hysteresis.oscillator.model_file import is_oscillator, read_oscillator
     from flexstage.records.drives import read_drive
+    from flexstage.report.coupled_drives import coupled_predictions_table
 
     if (oscillator := is_oscillator(model)) or is_coupled_model(model):
         kind = "an oscillator" if oscillator else "coupled drives"
         refuse(request.start != "auto", f"--start is not known for {kind}: omit it", RecordError)
         if oscillator:
             records_read, *pair = read_drive(records, columns, read_options)
-            coupled = read_oscillator(model).predictions(records_read, (pair[0], pair[1]))
+            coupled = read_oscillator(model).predictions(records_read, *pair)
         else:
             missing = not columns.input or not columns.output
             refuse(missing, f"{kind} need --input and --output: name the columns", RecordError)
@@ -72,8 +73,8 @@ def predict(
         if json:
             print_result(coupled.to_dict(), files)
             return
-        print_coupled_predictions(console(), coupled, f"{kind}, {model}")
-        print_notes(console(), (), files)
+        display_table(console(), coupled_predictions_table(coupled, f"{kind}, {model}"))
+        print_notes(console(), coupled.notes, files)
         return
     from flexstage.hysteresis.prediction import predict_by_file
     from flexstage.report.identification import band_in_words
@@ -100,15 +101,6 @@ def _coupled_drives(
     names = [*columns.input, *columns.output]
     records = read_files(files, names, options=read_options, even=True)
     return predict_coupled_drives(model, records, columns.input, columns.output)
-
-
-def print_coupled_predictions(screen: "Console", coupled: "CoupledPredictions", title: str) -> None:
-    """Print the errors of a model of coupled drives, or of an oscillator, on records."""
-    from flexstage.report.coupled_drives import coupled_predictions_table
-
-    display_table(screen, coupled_predictions_table(coupled, title))
-    for prediction in coupled.predictions:
-        print_notes(screen, prediction.notes)
 
 
 def print_predictions(

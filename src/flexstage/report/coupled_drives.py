@@ -1,6 +1,7 @@
 """The identification of coupled drives and oscillators, as tables and as sentences."""
 
 import math
+from collections.abc import Iterator
 
 from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
 from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions
@@ -100,43 +101,50 @@ def coupled_drives_in_words(result: CoupledDriveIdentification) -> list[str]:
     return lines
 
 
-def oscillator_table(result: OscillatorIdentification) -> Table:
-    """Return the parameters of an oscillator, with standard errors."""
-    u, y = result.model.input_unit, result.model.output_unit
-    stiffness = f"{u}/{y}" if u and y else ""
+def coupled_parts(
+    result: CoupledDriveIdentification | OscillatorIdentification,
+) -> Iterator[Table | str]:
+    """Yield the tables and lines on a model of coupled drives, or of an oscillator."""
+    if isinstance(result, CoupledDriveIdentification):
+        yield levels_table(result, "coupled drives")
+        yield from coupled_drives_in_words(result)
+        yield coupled_modes_table(result)
+        return
+    model, fitted = result.model, result.fitted.predictions[0]
+    yield _oscillator_table(result)
+    error, motion, largest = (
+        readable(model.output_unit, v) for v in (fitted.error, fitted.output_rms, model.largest)
+    )
+    yield f"natural frequency of small motion {model.frequency_hz:.4g} Hz"
+    yield (
+        f"fitted: error {error} rms of a motion of {motion} rms, "
+        f"{100.0 * fitted.error / fitted.output_rms:.2g} %; valid up to {largest} from rest"
+    )
+    if result.tested is not None:
+        yield coupled_predictions_table(result.tested, "test on other records")
+        yield from result.tested.notes
+
+
+def _oscillator_table(result: OscillatorIdentification) -> Table:
+    u, y = result.model.input_unit or "input", result.model.output_unit or "output"
+    free = "exponent" in result.fit.names
     units = {
-        "mass": "kg" if (u, y) == ("N", "m") else f"{u} s^2/{y}" if stiffness else "",
-        "damping": f"{u} s/{y}" if stiffness else "",
-        "stiffness": stiffness,
-        "alpha": stiffness,
-        "initial_displacement": y,
-        "initial_velocity": f"{y}/s" if y else "",
+        "mass": "kg" if (u, y) == ("N", "m") else f"{u} s^2/{y}",
+        "damping": f"{u} s/{y}",
+        "beta_gamma": "" if free else f"1/{y}",
+        "beta_delta": "" if free else f"1/{y}",
+        "exponent": "",
+        "initial_velocity": f"{y}/s",
         "initial_force": u,
-        "offset": y,
     }
-    for name in ("beta_gamma", "beta_delta"):
-        units[name] = f"1/{y}" if y and "exponent" not in result.fit.names else ""
+    units |= dict.fromkeys(("stiffness", "alpha"), f"{u}/{y}")
     errors = result.fit.standard_errors()
     rows = [
-        (name.replace("_", " "), f"{value:.5g}", f"{errors[name]:.2g}", units.get(name, ""))
+        (name.replace("_", " "), f"{value:.5g}", f"{errors[name]:.2g}", units.get(name, y))
         for name, value in zip(result.fit.names, result.fit.values(), strict=True)
     ]
     caption = f"oscillator with a Bouc-Wen force: {result.fitted.predictions[0].source}"
     return table(caption, ("name", "value", "standard error", "<unit"), rows)
-
-
-def oscillator_in_words(result: OscillatorIdentification) -> list[str]:
-    """Return what was identified of an oscillator."""
-    model, fitted = result.model, result.fitted.predictions[0]
-    unit = model.output_unit
-    error, motion, largest = (
-        readable(unit, value) for value in (fitted.error, fitted.output_rms, model.largest)
-    )
-    return [
-        f"natural frequency of small motion {model.frequency_hz:.4g} Hz",
-        f"fitted: error {error} rms of a motion of {motion} rms, "
-        f"{100.0 * fitted.error / fitted.output_rms:.2g} %; valid up to {largest} from rest",
-    ]
 
 
 def _number(value: float, digits: int = 3) -> str:

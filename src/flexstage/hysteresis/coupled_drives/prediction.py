@@ -71,6 +71,11 @@ class CoupledPredictions(Result):
     predictions: tuple[CoupledPrediction, ...]
     """The model on each record."""
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Assumptions on the records."""
+        return tuple(note for p in self.predictions for note in p.notes)
+
     def data(self) -> dict[str, Any]:
         """Return the errors on each record as plain data."""
         return {

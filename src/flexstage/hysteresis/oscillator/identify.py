@@ -250,6 +250,11 @@ class OscillatorIdentification(Result):
     notes: tuple[str, ...] = ()
     """How the record was read."""
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the record does not determine."""
+        return self.fit.warnings
+
     def data(self) -> dict[str, Any]:
         """Return parameters and errors as plain data."""
         values = zip(self.fit.names, self.fit.values(), strict=True)

@@ -61,13 +61,15 @@ class OscillatorModel:
         ratio = (self.oscillator.stiffness + self.oscillator.alpha) / self.oscillator.mass
         return math.sqrt(ratio) / (2.0 * math.pi) if ratio > 0.0 else math.nan
 
-    def predict(self, record: Record, columns: tuple[str | int, str | int]) -> CoupledPrediction:
+    def predict(
+        self, record: Record, input_column: str | int, output_column: str | int
+    ) -> CoupledPrediction:
         """Return the prediction of a record whose start is unknown.
 
         It begins at rest, or is one period of a motion that repeats: whichever is nearer to the
         first tenth of the output.
         """
-        u, y = (record.channel(column).values for column in columns)
+        u, y = (record.channel(column).values for column in (input_column, output_column))
         first = slice(0, max(round(_FIRST * u.size), 2))
         rate, n = record.sample_rate_hz, u.size
         starts = {"at rest": self.oscillator.simulate(u, rate).displacement}
@@ -98,12 +100,11 @@ class OscillatorModel:
         )
 
     def predictions(
-        self, records: Sequence[Record], columns: tuple[str | int, str | int]
+        self, records: Sequence[Record], input_column: str | int, output_column: str | int
     ) -> CoupledPredictions:
         """Return the predictions of several records."""
-        return CoupledPredictions(
-            model=self, predictions=tuple(self.predict(record, columns) for record in records)
-        )
+        predictions = tuple(self.predict(r, input_column, output_column) for r in records)
+        return CoupledPredictions(model=self, predictions=predictions)
 
 
 def oscillator_text(model: OscillatorModel) -> str:
