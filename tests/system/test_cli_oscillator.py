@@ -8,6 +8,7 @@ import pytest
 
 from flexstage.cli import main
 from flexstage.hysteresis import BoucWenOscillator, read_oscillator
+from flexstage.hysteresis.oscillator.model_file import OscillatorModel
 from flexstage.records import Channel, Record, write_record
 
 RATE, N = 800.0, 1600
@@ -116,3 +117,20 @@ def test_another_plant_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture)
     assert status == 1
     assert "oscillator" in err
     assert err.count("\n") == 1
+
+
+# The first input is reached in a quarter of a second and held for a second, by linear steps.
+def test_a_record_may_begin_at_rest_under_a_load() -> None:
+    force = 60.0 + np.concatenate((np.zeros(2), pushes(3)[: N - 2]))
+    rise = np.interp(np.arange(1000), [0, 200, 1000], [0.0, 60.0, 60.0])
+    position = TRUE.simulate(np.concatenate((rise, force)), RATE, interpolation="linear")
+    model = OscillatorModel(
+        oscillator=TRUE, offset=-2e-3, inputs=("u",), outputs=("y",), input_unit="N",
+        output_unit="m", largest=2e-3, error=0.0,
+    )  # fmt: skip
+    values = {"u": force, "y": position.displacement[1000:] - 2e-3}
+    channels = tuple(Channel(name=n, values=v) for n, v in values.items())
+    prediction = model.predict(Record(channels=channels, time=np.arange(N) / RATE), "u", "y")
+    assert "at rest under its first input" in prediction.notes[0]
+    assert prediction.error < 0.03 * prediction.output_rms
+    assert prediction.output_rms == pytest.approx(np.std(values["y"]))

@@ -46,8 +46,8 @@ class CoupledPrediction:
 
     @property
     def output_rms(self) -> float:
-        """Rms of the measured outputs."""
-        return float(np.sqrt(np.mean(self.measured**2)))
+        """Rms of the measured outputs about their means."""
+        return float(np.sqrt(np.mean(np.var(self.measured, axis=0))))
 
     @property
     def error(self) -> float:

@@ -27,6 +27,10 @@ OSCILLATOR_FILE = Format(
 )
 #: Part of a record that shows its start: at rest, or in a motion that repeats.
 _FIRST = 0.1
+#: A motion of the size of the record is no extrapolation; peaks of one level scatter.
+_LARGER = 1.1
+#: Periods of small motion in which the first input is reached, and as many in which it is held.
+_LEAD = 100.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,13 +70,21 @@ class OscillatorModel:
     ) -> CoupledPrediction:
         """Return the prediction of a record whose start is unknown.
 
-        It begins at rest, or is one period of a motion that repeats: whichever is nearer to the
-        first tenth of the output.
+        It begins at rest without or under its first input, or is one period of a motion that
+        repeats: whichever is nearest to the first tenth of the output.
         """
         u, y = (record.channel(column).values for column in (input_column, output_column))
         first = slice(0, max(round(_FIRST * u.size), 2))
         rate, n = record.sample_rate_hz, u.size
-        starts = {"at rest": self.oscillator.simulate(u, rate).displacement}
+        # from zero to the first input within some periods, and some more until it rests
+        lead = round(min(_LEAD * rate / self.frequency_hz, n)) if self.frequency_hz > 0.0 else 2
+        rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(lead) / lead)
+        before = u[0] * np.concatenate((rise, np.ones(lead)))
+        led = self.oscillator.simulate(np.concatenate((before, u)), rate).displacement
+        starts = {
+            "at rest": self.oscillator.simulate(u, rate).displacement,
+            "at rest under its first input": led[before.size :],
+        }
         try:
             twice = self.oscillator.simulate(np.tile(u, 2), rate, interpolation="periodic")
             starts["in a motion that repeats"] = twice.displacement[n:]
@@ -84,7 +96,7 @@ class OscillatorModel:
         source = Path(record.source).name or "record"
         notes = [f"{source} is taken to begin {start}"]
         reached = float(np.max(np.abs(predicted)))
-        if reached > self.largest:
+        if reached > _LARGER * self.largest:
             there, before = (readable(self.output_unit, v) for v in (reached, self.largest))
             notes.append(
                 f"{source} moves by {there}, and the record of the model by {before}: beyond it "
