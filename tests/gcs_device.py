@@ -422,10 +422,10 @@ class FormulaDevice:
         self.trigger("wave")
 
 
-def controller(kind="piezo", *, model=GENERIC, hold=False):
+def controller(kind="piezo", *, model=GENERIC):
     """A controller on the device by formula, whose time passes with commands."""
     device = FormulaDevice(kind)
-    return Interpreter(device, FastTime(device), model=model, hold=hold)
+    return Interpreter(device, FastTime(device), model=model)
 
 
 def talk(session, text):

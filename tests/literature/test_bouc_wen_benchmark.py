@@ -18,12 +18,15 @@ import numpy as np
 import pytest
 from scipy.signal import firwin, resample
 
-from benchmarks.oscillator.identification import (
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.oscillator.identify import (
+    OscillatorFit,
     OscillatorIdentification,
+    fit_oscillator,
     identify_oscillator,
 )
-from benchmarks.oscillator.oscillator import BoucWenOscillator
-from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.oscillator.model import BoucWenOscillator
+from flexstage.records import Channel, Record
 from tests.shared_data import DATA, needs
 from tests.tiers import sizes
 
@@ -127,19 +130,37 @@ def test_straight_lines_between_samples_are_not_enough() -> None:
     assert -110.0 < decibels(lines - y) < -100.0
 
 
+def record_of(file: str, group: str) -> Record:
+    values = dict(zip("uy", read(file, group), strict=True))
+    channels = tuple(
+        Channel(name=n, values=v, unit="N" if n == "u" else "m") for n, v in values.items()
+    )
+    return Record(channels=channels, time=np.arange(values["u"].size) / RATE, source=group)
+
+
 @functools.cache
-def identified() -> OscillatorIdentification:
-    return identify_oscillator(*read("train.h5", "multisine"), RATE)
+def identification() -> OscillatorIdentification:
+    return identify_oscillator(record_of("train.h5", "multisine"), "u", "y")
+
+
+def identified() -> OscillatorFit:
+    return identification().fit
 
 
 @pytest.mark.slow
 def test_identified_from_the_training_record_alone() -> None:
-    found = identified()
-    assert multisine_error(found.model) < -130.0
-    assert sweep_error(found.model) < -110.0
+    records = [record_of("test.h5", group) for group in ("multisine", "sinesweep")]
+    tested = identification().model.predictions(records, "u", "y")
+    multisine, sweep = (20.0 * np.log10(p.error) for p in tested.predictions)
+    assert multisine < -137.0
+    assert sweep < -112.0
+    assert [note.partition("begin ")[2] for note in tested.notes] == [
+        "in a motion that repeats", "at rest",
+    ]  # fmt: skip
     # The training record has noise of 7.4 um rms (-102.6 dB) on 0.66 mm; the fit leaves just that.
-    assert 20.0 * np.log10(found.rms) == pytest.approx(-102.65, abs=0.05)
-    assert [warning for warning in found.warnings if "grows without bound" not in warning] == []
+    fit = identified()
+    assert 20.0 * np.log10(fit.rms) == pytest.approx(-102.65, abs=0.05)
+    assert [warning for warning in fit.warnings if "grows without bound" not in warning] == []
 
 
 # The errors of Newmark's rule and of the filters shift the best parameters by some 1e-4: beside
@@ -160,14 +181,14 @@ def test_random_starts_reach_the_same_optimum(starts: int) -> None:
     rng, unit = np.random.default_rng(11), 0.5 / np.std(y)
     for _ in range(starts):
         start = (unit * 10.0 ** rng.uniform(-0.7, 1.0), unit * rng.uniform(-4.0, 4.0))
-        found = identify_oscillator(u, y, RATE, start=start)
+        found = fit_oscillator(u, y, RATE, start=start)
         assert found.rms == pytest.approx(identified().rms, rel=1e-8)
         assert found.model.beta_gamma == pytest.approx(identified().model.beta_gamma, rel=1e-4)
 
 
 @pytest.mark.slow
 def test_a_free_exponent_is_one() -> None:
-    found = identify_oscillator(*read("train.h5", "multisine"), RATE, exponent=None)
+    found = fit_oscillator(*read("train.h5", "multisine"), RATE, exponent=None)
     error = found.standard_errors()["exponent"]
     assert error < 2e-3
     assert found.model.exponent == pytest.approx(1.0, abs=4.0 * error)

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from benchmarks.oscillator.oscillator import (
+from flexstage.hysteresis.oscillator.model import (
     BoucWenOscillator,
     input_pieces,
     parameter_row,
 )
-from benchmarks.oscillator.steps import _first_zero, advance
+from flexstage.hysteresis.oscillator.steps import _first_zero, advance
 
 RATE = 800.0
 N = 260

@@ -118,7 +118,7 @@ def test_json_has_levels_modes_and_warnings(
     ("words", "message"),
     [
         (("--input", "a,b"), "several inputs need --output"),
-        ((*COLUMNS, "--model", "preisach"), "without options of a single drive"),
+        ((*COLUMNS, "--model", "preisach"), "options of a single drive"),
     ],
 )
 def test_requests_that_do_not_fit_are_refused(

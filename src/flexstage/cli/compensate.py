@@ -123,8 +123,8 @@ def _coupled_drives(
     from flexstage.records.read import read_files
     from flexstage.report.coupled_drives import coupled_command_in_words
 
-    other = request.relative or request.start != "conditioned"
-    refuse(other, "coupled drives start at rest at zero: omit --relative and --start", RecordError)
+    other = request.relative or request.after != "conditioned"
+    refuse(other, "coupled drives start at rest at zero: omit --relative and --after", RecordError)
     names = read_coupled_model(model).outputs if column_ is None else read_columns(column_)
     (record,) = read_files([reference], names, options=read_options, even=True)
     result = compensate_record(model, record, names, request)

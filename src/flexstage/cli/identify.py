@@ -23,7 +23,7 @@ from flexstage.cli.predict import print_predictions
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.files.ranges import Written
 from flexstage.files.request import Request
-from flexstage.hysteresis.requests import IdentifyRequest, rowwise
+from flexstage.hysteresis.requests import OSCILLATOR, IdentifyRequest, rowwise
 from flexstage.records.read_options import DriveColumns, ReadOptions
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
     from flexstage.hysteresis.identification.result import Identification
+    from flexstage.hysteresis.oscillator.identify import OscillatorIdentification
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,15 +82,19 @@ def identify(
     figure
         Draw measured and modelled loops of up to four records (.svg, .png or .pdf).
     """
-    if len(columns.input) > 1 and not columns.is_table:
+    several = len(columns.input) > 1 and not columns.is_table
+    if several or OSCILLATOR in request.model:
+        kind = "several inputs are" if several else f"{OSCILLATOR} is"
+        alone = IdentifyRequest() if several else IdentifyRequest(model=(OSCILLATOR,))
         refuse(
-            request != IdentifyRequest() or comparison.stage is not None,
-            "several inputs are identified without options of a single drive or --stage: omit them",
+            request != alone or comparison.stage is not None or columns.is_table,
+            f"{kind} identified without other models, options of a single drive or --stage: omit "
+            "them",
             RecordError,
         )
-        result, text = _coupled_drives(
-            records, columns, comparison.test_record, read_options, quiet
-        )
+        identified = _coupled_drives if several else _oscillator
+        with progress_bar("identify", quiet=quiet):
+            result, text = identified(records, columns, comparison.test_record, read_options)
         files = write_picture(figure, result.plot)
         if out is not None:
             write_file(out, text.encode())
@@ -137,11 +142,7 @@ def identify(
 
 
 def _coupled_drives(
-    files: list[Path],
-    columns: DriveColumns,
-    tests: tuple[Path, ...],
-    read_options: ReadOptions,
-    quiet: bool,
+    files: list[Path], columns: DriveColumns, tests: tuple[Path, ...], read_options: ReadOptions
 ) -> "tuple[CoupledDriveIdentification, str]":
     """Return the identification of several drives, and the text of its model file."""
     from flexstage.hysteresis.coupled_drives.identify import identify_coupled_drives
@@ -152,27 +153,37 @@ def _coupled_drives(
     names = [*columns.input, *columns.output]
     records = read_files([*files, *tests], names, options=read_options, even=True)
     training, test_records = records[: len(files)], records[len(files) :]
-    with progress_bar("identify", quiet=quiet):
-        result = identify_coupled_drives(
-            training, columns.input, columns.output, test_records=test_records
-        )
+    result = identify_coupled_drives(
+        training, columns.input, columns.output, test_records=test_records
+    )
     return result, coupled_model_text(result)
 
 
-def print_coupled_drives(
-    screen: "Console", result: "CoupledDriveIdentification", files: list[Path]
-) -> None:
-    """Print levels, modes and the validity of a model of several drives."""
-    from flexstage.report.coupled_drives import (
-        coupled_drives_in_words,
-        coupled_modes_table,
-        levels_table,
-    )
+def _oscillator(
+    files: list[Path], columns: DriveColumns, tests: tuple[Path, ...], read_options: ReadOptions
+) -> "tuple[OscillatorIdentification, str]":
+    """Return the identification of an oscillator, and the text of its model file."""
+    from flexstage.hysteresis.oscillator.identify import identify_oscillator
+    from flexstage.hysteresis.oscillator.model_file import oscillator_text
+    from flexstage.records.drives import read_drive
 
-    display_table(screen, levels_table(result, "coupled drives"))
-    for line in coupled_drives_in_words(result):
-        screen.print(line, markup=False)
-    display_table(screen, coupled_modes_table(result))
+    refuse(len(files) > 1, f"{OSCILLATOR} is identified from one record: omit others", RecordError)
+    (record, *test_records), *pair = read_drive([*files, *tests], columns, read_options)
+    result = identify_oscillator(record, *pair)
+    tested = result.model.predictions(test_records, *pair) if tests else None
+    return replace(result, tested=tested), oscillator_text(result.model)
+
+
+def print_coupled_drives(
+    screen: "Console",
+    result: "CoupledDriveIdentification | OscillatorIdentification",
+    files: list[Path],
+) -> None:
+    """Print the tables of a model of coupled drives, or of an oscillator, and its validity."""
+    from flexstage.report.coupled_drives import coupled_parts
+
+    for part in coupled_parts(result):
+        screen.print(part, markup=False) if isinstance(part, str) else display_table(screen, part)
     for warning in result.warnings:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
     print_notes(screen, result.notes, files)

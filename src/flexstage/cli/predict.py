@@ -55,23 +55,28 @@ def predict(
         Draw the measured and the predicted loop of the first record (.svg, .png or .pdf).
     """
     from flexstage.hysteresis.coupled_drives.model_file import is_coupled_model
+    from flexstage.hysteresis.oscillator.model_file import is_oscillator, read_oscillator
+    from flexstage.records.drives import read_drive
+    from flexstage.report.coupled_drives import coupled_predictions_table
 
-    if is_coupled_model(model):
-        refuse(request.after != "auto", "coupled drives start at rest: omit --after", RecordError)
-        missing = not columns.input or not columns.output
-        refuse(missing, "coupled drives need --input and --output: name the columns", RecordError)
-        from flexstage.report.coupled_drives import coupled_predictions_table
-
-        coupled = _coupled_drives(model, records, columns, read_options)
+    if (oscillator := is_oscillator(model)) or is_coupled_model(model):
+        kind = "an oscillator" if oscillator else "coupled drives"
+        refuse(request.after != "auto", f"--after is not known for {kind}: omit it", RecordError)
+        if oscillator:
+            records_read, *pair = read_drive(records, columns, read_options)
+            coupled = read_oscillator(model).predictions(records_read, *pair)
+        else:
+            missing = not columns.input or not columns.output
+            refuse(missing, f"{kind} need --input and --output: name the columns", RecordError)
+            coupled = _coupled_drives(model, records, columns, read_options)
         files = write_picture(figure, coupled.plot)
         if json:
             print_result(coupled.to_dict(), files)
             return
-        display_table(console(), coupled_predictions_table(coupled, f"coupled drives, {model}"))
-        print_notes(console(), (), files)
+        display_table(console(), coupled_predictions_table(coupled, f"{kind}, {model}"))
+        print_notes(console(), coupled.notes, files)
         return
     from flexstage.hysteresis.prediction import predict_by_file
-    from flexstage.records.drives import read_drive
     from flexstage.report.identification import band_in_words
 
     records_read, driven, follows = read_drive(records, columns, read_options)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from flexstage.base.errors import ModelError, NotConnectedError
+from flexstage.base.errors import ModelError, NotConnectedError, RecordError
 from flexstage.cli.options import AxisOption, JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     OutputFile,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def twin(
     stage: StageArgument,
     request: TwinRequest,
-    play: Path | None = None,
+    play: list[Path] | None = None,
     axis: AxisOption = None,
     out: OutputFile = None,
     options: StageOptions = AS_DESCRIBED,
@@ -47,12 +47,13 @@ def twin(
     Parameters
     ----------
     play
-        FILE: Record whose voltage drives the stack of an axis; no port is opened. STAGE can then
-        be a model of coupled drives, whose inputs are columns of the record.
+        FILE: Record whose voltage drives the stack of an axis; no port is opened. May be repeated:
+        the records are played one after another. STAGE can then be a model of coupled drives, whose
+        inputs are columns of one record.
     out
-        Write the voltage and position of --play (.csv, .npz, .h5 or .mat).
+        Write the voltage and position of the last --play (.csv, .npz, .h5 or .mat).
     """
-    incomplete = (play is None) != (out is None) or (axis is not None and play is None)
+    incomplete = bool(play) != (out is not None) or (axis is not None and not play)
     refuse(
         incomplete, "--play and --out are used together, and --axis with them", typer.BadParameter
     )
@@ -60,25 +61,53 @@ def twin(
 
     model = Path(stage)
     described = None if is_coupled_model(model) else options.stage(stage)
-    if play is not None and out is not None:
+    if play and out is not None:
+        import numpy as np
+
+        from flexstage.quantities.units import readable
         from flexstage.records.write import record_bytes
 
         kind = record_format(out)
+        same = out.resolve() in (record.resolve() for record in play)
+        refuse(same, f"--out {out} is a record of --play: name another file", RecordError)
         with progress_bar("twin", quiet=quiet):
             if described is None:
                 other = axis is not None or options != AS_DESCRIBED or request != TwinRequest()
-                refuse(other, "a model of coupled drives takes --play and --out alone", ModelError)
+                refuse(
+                    other or len(play) > 1,
+                    "a model of coupled drives takes one record by --play, and --out, alone",
+                    ModelError,
+                )
                 from flexstage.hysteresis.coupled_drives.prediction import played_record
 
-                record = played_record(model, play)
+                record, error = played_record(model, play[0]), None
             else:
                 from flexstage.instruments.pi.simulated.address import played
 
-                record = played(described, play, axis, request)
+                record, error = played(described, play, axis, request)
         write_file(out, record_bytes(record, kind))
+        tracking = (
+            {}
+            if error is None
+            else {
+                "rms": float(np.sqrt(np.mean(error**2))),
+                "largest": float(np.max(np.abs(error))),
+                "mean": float(np.mean(error)),
+            }
+        )
         name = model.stem if described is None else described.name
-        result = {"stage": name, "record": str(play), "files": [str(out)]}
-        print_json(result) if as_json else print_notes(console(), (), [out])
+        if as_json:
+            files = {"records": [*map(str, play)], "files": [str(out)]}
+            print_json({"stage": name, **files, "tracking": tracking or None})
+            return
+        if tracking:
+            unit = record.channels[-1].unit
+            rms, largest, mean = (readable(unit, value) for value in tracking.values())
+            console().print(
+                f"reading less reference of {play[-1]}: {rms} rms, {largest} at most, {mean} on "
+                "average"
+            )
+        print_notes(console(), (), [out])
         return
     if described is None:
         raise ModelError("coupled drives have no simulated controller: give --play and --out")

@@ -52,11 +52,15 @@ if TYPE_CHECKING:
     )
     from flexstage.hysteresis.models.registry import *  # noqa: F403
     from flexstage.hysteresis.models.registry import MODELS
+    from flexstage.hysteresis.oscillator.identify import identify_oscillator
+    from flexstage.hysteresis.oscillator.model import BoucWenOscillator
+    from flexstage.hysteresis.oscillator.model_file import read_oscillator
     from flexstage.hysteresis.prediction import Prediction, predict
 
 __all__ = [
     "MODELS",
     "Amplifier",
+    "BoucWenOscillator",
     "CoupledDriveModel",
     "Creep",
     "CreepSpectrum",
@@ -92,6 +96,7 @@ __all__ = [
     "find_chain",
     "identify",
     "identify_coupled_drives",
+    "identify_oscillator",
     "loop_width",
     "measurement",
     "memory_coverage",
@@ -100,6 +105,7 @@ __all__ = [
     "read_coupled_model",
     "read_model_file",
     "read_model_text",
+    "read_oscillator",
     "samples",
     "smoothed",
     "tracking",

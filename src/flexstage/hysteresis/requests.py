@@ -21,6 +21,8 @@ from flexstage.stage.assumptions import DAMPING_RATIO
 
 _VOLTAGES = Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")]
 _CURRENT = Annotated[float, MEASURED["current"], POSITIVE]
+#: Model of a stage that resonates within the band of its command, identified alone.
+OSCILLATOR = "bouc-wen-oscillator"
 _SHARE = Range(low=0.0, high=1.0, below=True)
 #: Zero of the sensor of an output: one of all records, one of each, or with a linear drift as well.
 Zero = Literal["one", "each", "drift"]
@@ -70,7 +72,8 @@ class IdentifyRequest(Request):
     """A hysteresis model, or several separated by commas, of line, bouc-wen, maxwell-slip,
     modified-prandtl-ishlinskii, preisach (auto tries these five), asymmetric-bouc-wen, dahl, duhem,
     generalised-bouc-wen, prandtl-ishlinskii. The simplest model is chosen that predicts held-out
-    cycles as well as the best.
+    cycles as well as the best. bouc-wen-oscillator, alone and on the command line: a stage that
+    resonates within the band of its command.
     """
     train: Rows | None = None
     """Samples to fit, numbered from 0 in the whole file; all others are held out (default: all are

@@ -59,8 +59,8 @@ def connect(
     after use.
 
     Options of a simulated controller: ``seed``, ``model`` (lumped or superelement), ``servo_rate``
-    of its loop [Hz], ``amplifier`` (voltage or charge), ``scatter``, ``quiet``, ``serial_number``,
-    and ``fast``: 1, the default, to advance its time by commands, 0 for real time.
+    of its loop [Hz], ``amplifier`` (voltage or charge), ``scatter``, ``quiet``, and ``fast``: 1,
+    the default, to advance its time by commands, 0 for real time.
 
     Examples
     --------

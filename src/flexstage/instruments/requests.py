@@ -78,17 +78,6 @@ class TwinRequest(Request):
     """
     axes: Annotated[tuple[str, ...], Written("NAMES", read=read_names, write=",".join)] = ()
     """Identifiers of its axes, such as "Z" or "X,Y" (default: 1,2,...)."""
-    serial_number: Annotated[str, Written("TEXT")] = ""
-    """Serial number that it reports (default: twin-SEED)."""
-    hold_control: bool = False
-    """The first program that sends a motion or a change has exclusive control until it disconnects
-    (default: all programs have control, as with a real controller).
-    """
-
-    def __post_init__(self) -> None:
-        super(TwinRequest, self).__post_init__()
-        if not (self.serial_number.isascii() and self.serial_number.isprintable()):
-            raise ModelError("--serial-number must consist of printable ASCII characters")
 
 
 _SECONDS = {"d": 86_400.0, "h": 3600.0, "min": 60.0}

@@ -25,7 +25,7 @@ from flexstage.records.columns import (
 from flexstage.records.detect import format_of
 from flexstage.records.matlab import read_matlab
 from flexstage.records.read_options import ReadOptions, TextLayout
-from flexstage.records.record import Channel, Record, column_and_unit, column_number
+from flexstage.records.record import SIMULATED, Channel, Record, column_and_unit, column_number
 from flexstage.records.sampling import (
     LARGEST_STEP,
     LARGEST_UNEVEN_STEP,
@@ -150,6 +150,9 @@ def read_record(
             size = raw.columns[0].values.size
             times = np.arange(size, dtype=np.float64) if raw.axis is None else raw.axis
         notes += _unused_notes(raw, channels, used)
+        # a run marks its records by yes, and reports it
+        if (simulated := raw.attributes.get(SIMULATED, "no")) not in ("no", "yes"):
+            notes.append(f"'{file.name}' was not measured but simulated: {simulated}")
     except OSError as error:
         raise RecordError(f"'{file}' cannot be read: {error.strerror or error}") from error
     except RecordError as error:

@@ -16,6 +16,9 @@ from flexstage.quantities.units import si_unit
 if TYPE_CHECKING:
     import pandas
 
+#: Attribute of a record that was simulated: what simulated it.
+SIMULATED = "simulated"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Channel:

@@ -12,6 +12,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
 from flexstage.records.columns import FileColumn, FileColumns, complex_parts, labelled
 from flexstage.records.read_options import TextLayout
+from flexstage.records.record import SIMULATED
 from flexstage.records.text_rows import (
     COMMENT_MARKS,
     COMPLEX,
@@ -267,9 +268,16 @@ def _columns(table: _Table, heading: Heading, layout: RowLayout) -> FileColumns:
         start=heading.start,
         rate_source=heading.interval_source,
         notes=tuple(notes),
-        attributes={"heading": heading.text} if heading.text else {},
+        attributes=_attributes(heading.text),
         lines=np.array(table.lines) if table.words else None,
     )
+
+
+def _attributes(heading: str) -> dict[str, str]:
+    """Return the heading of a file, and what simulated it."""
+    simulated = re.search(rf"^# {SIMULATED}: (.*)$", heading, re.MULTILINE)
+    marks = {} if simulated is None else {SIMULATED: simulated[1].strip()}
+    return ({"heading": heading} if heading else {}) | marks
 
 
 def _x_named(names: Sequence[str], values: Array) -> Sequence[str]:

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from flexstage.base.errors import RecordError
 from flexstage.files.write import write_whole
-from flexstage.records.record import Channel, Record
+from flexstage.records.record import SIMULATED, Channel, Record
 from flexstage.records.text_rows import COMMENT_MARKS
 
 _SUFFIXES = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
-_RESERVED = frozenset(("units", "names"))
+_RESERVED = frozenset(("units", "names", SIMULATED))
 
 
 def record_bytes(record: Record, format: str) -> bytes:
@@ -27,7 +27,8 @@ def record_bytes(record: Record, format: str) -> bytes:
 
     Validity
     --------
-    Notes and attributes of the record are not written. Line breaks in names become spaces.
+    Of notes and attributes only that of a simulation is written. Line breaks in names become
+    spaces.
 
     Examples
     --------
@@ -41,7 +42,7 @@ def record_bytes(record: Record, format: str) -> bytes:
     writers = {"csv": _csv, "npz": _npz, "hdf5": _hdf5, "mat": _mat}
     if format not in writers:
         raise RecordError(f"the format must be one of {', '.join(writers)}, got '{format}'")
-    return writers[format](_with_time(record))
+    return writers[format](_with_time(record), record.attributes.get(SIMULATED, ""))
 
 
 def write_record(record: Record, path: str | Path) -> Path:
@@ -96,8 +97,10 @@ def _with_time(record: Record) -> tuple[Channel, ...]:
     )
 
 
-def _csv(channels: tuple[Channel, ...]) -> bytes:
+def _csv(channels: tuple[Channel, ...], simulated: str) -> bytes:
     stream = io.StringIO()
+    if simulated:
+        stream.write(f"# {SIMULATED}: {simulated}\r\n")
     stream.write(",".join(map(_quoted, channels)) + "\r\n")
     writer = csv.writer(stream)
     # the shortest digits that give the same bits
@@ -143,9 +146,9 @@ def _keys(channels: tuple[Channel, ...]) -> list[str]:
     return file_keys((c.name for c in channels), _RESERVED)
 
 
-def _npz(channels: tuple[Channel, ...]) -> bytes:
+def _npz(channels: tuple[Channel, ...], simulated: str) -> bytes:
     stream = io.BytesIO()
-    arrays: dict[str, NDArray] = {}
+    arrays: dict[str, NDArray] = {SIMULATED: np.array(simulated)} if simulated else {}
     for key, channel in zip(_keys(channels), channels, strict=True):
         arrays[key] = channel.values
         arrays[f"names/{key}"] = np.array(_label(channel))
@@ -154,11 +157,13 @@ def _npz(channels: tuple[Channel, ...]) -> bytes:
     return stream.getvalue()
 
 
-def _hdf5(channels: tuple[Channel, ...]) -> bytes:
+def _hdf5(channels: tuple[Channel, ...], simulated: str) -> bytes:
     import h5py
 
     stream = io.BytesIO()
     with h5py.File(stream, "w", track_order=True) as file:
+        if simulated:
+            file.attrs[SIMULATED] = simulated
         for key, channel in zip(_keys(channels), channels, strict=True):
             dataset = file.create_dataset(key, data=channel.values, track_times=False)
             dataset.attrs["name"] = _label(channel)
@@ -166,13 +171,15 @@ def _hdf5(channels: tuple[Channel, ...]) -> bytes:
     return stream.getvalue()
 
 
-def _mat(channels: tuple[Channel, ...]) -> bytes:
+def _mat(channels: tuple[Channel, ...], simulated: str) -> bytes:
     from scipy.io import savemat
 
     keys = _keys(channels)
     content: dict[str, object] = {
         key: channel.values for key, channel in zip(keys, channels, strict=True)
     }
+    if simulated:
+        content[SIMULATED] = simulated
     content["units"] = {key: c.unit for key, c in zip(keys, channels, strict=True)}
     content["names"] = {key: _label(c) for key, c in zip(keys, channels, strict=True)}
     stream = io.BytesIO()

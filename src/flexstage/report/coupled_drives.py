@@ -1,10 +1,12 @@
-"""The identification of coupled drives, as tables and as sentences."""
+"""The identification of coupled drives and oscillators, as tables and as sentences."""
 
 import math
+from collections.abc import Iterator
 
 from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
 from flexstage.hysteresis.coupled_drives.inverse import CoupledCommand
 from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions
+from flexstage.hysteresis.oscillator.identify import OscillatorIdentification
 from flexstage.quantities.table import Table, table
 from flexstage.quantities.units import readable, readable_unit
 
@@ -124,6 +126,52 @@ def coupled_command_in_words(result: CoupledCommand) -> list[str]:
         f"predicted error: {'; '.join(errors)} (for the model itself: its deviation from the "
         "measured stage adds to this)",
     ]
+
+
+def coupled_parts(
+    result: CoupledDriveIdentification | OscillatorIdentification,
+) -> Iterator[Table | str]:
+    """Yield the tables and lines on a model of coupled drives, or of an oscillator."""
+    if isinstance(result, CoupledDriveIdentification):
+        yield levels_table(result, "coupled drives")
+        yield from coupled_drives_in_words(result)
+        yield coupled_modes_table(result)
+        return
+    model, fitted = result.model, result.fitted.predictions[0]
+    yield _oscillator_table(result)
+    error, motion, largest = (
+        readable(model.output_unit, v) for v in (fitted.error, fitted.output_rms, model.largest)
+    )
+    yield f"natural frequency of small motion {model.frequency_hz:.4g} Hz"
+    yield (
+        f"fitted: error {error} rms of a motion of {motion} rms, "
+        f"{100.0 * fitted.error / fitted.output_rms:.2g} %; valid up to {largest} from rest"
+    )
+    if result.tested is not None:
+        yield coupled_predictions_table(result.tested, "test on other records")
+        yield from result.tested.notes
+
+
+def _oscillator_table(result: OscillatorIdentification) -> Table:
+    u, y = result.model.input_unit or "input", result.model.output_unit or "output"
+    free = "exponent" in result.fit.names
+    units = {
+        "mass": "kg" if (u, y) == ("N", "m") else f"{u} s^2/{y}",
+        "damping": f"{u} s/{y}",
+        "beta_gamma": "" if free else f"1/{y}",
+        "beta_delta": "" if free else f"1/{y}",
+        "exponent": "",
+        "initial_velocity": f"{y}/s",
+        "initial_force": u,
+    }
+    units |= dict.fromkeys(("stiffness", "alpha"), f"{u}/{y}")
+    errors = result.fit.standard_errors()
+    rows = [
+        (name.replace("_", " "), f"{value:.5g}", f"{errors[name]:.2g}", units.get(name, y))
+        for name, value in zip(result.fit.names, result.fit.values(), strict=True)
+    ]
+    caption = f"oscillator with a Bouc-Wen force: {result.fitted.predictions[0].source}"
+    return table(caption, ("name", "value", "standard error", "<unit"), rows)
 
 
 def _number(value: float, digits: int = 3) -> str:

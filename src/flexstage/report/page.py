@@ -148,6 +148,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
     ("CoupledPredictions", ""): ("coupled_drives.draw_coupled_prediction", "result"),
     ("CoupledCommand", ""): ("coupled_drives.draw_coupled_command", "result"),
+    ("OscillatorIdentification", ""): ("coupled_drives.draw_coupled_prediction", "result=fitted"),
     ("CoupledDriveIdentification", ""): ("coupled_drives.draw_coupled_drives", "result"),
     ("CentredRecords", ""): ("centring.draw_centred", "centred"),
     ("CompensationCommand", ""): (

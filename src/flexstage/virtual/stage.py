@@ -13,6 +13,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.records import Channel, Record
+from flexstage.records.record import SIMULATED
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
@@ -136,15 +137,16 @@ class VirtualStage(ABC):
         later; a reading affects the voltage two samples later.
         """
 
-    def played(self, axis: str, voltage: Array, rate_hz: float) -> Record:
+    def played(self, axis: str, voltage: Array, rate_hz: float, *, before: float = 0.0) -> Record:
         """Play a voltage [V] on the stack of one axis, 0 on the others; return voltage and reading.
 
-        `rate_hz` is the sample rate, which divides the loop rate. The voltage first ramps to its
-        first value in half a second.
+        `rate_hz` is the sample rate, which divides the loop rate. The voltage first ramps from that
+        `before` to its first value in half a second.
         """
         axis_number, decimation = self.axes.index(axis), round(self.sample_rate_hz / rate_hz)
         lead = max(round(0.5 * rate_hz), 1)
-        full = np.concatenate((voltage[0] * np.arange(lead) / lead, voltage))
+        ramp = before + (voltage[0] - before) * np.arange(lead) / lead
+        full = np.concatenate((ramp, voltage))
         outputs = np.empty((2, full.size))
         block = self.samples_at_once
         for first in range(0, full.size, block):
@@ -164,8 +166,7 @@ class VirtualStage(ABC):
             ),
             time=np.arange(voltage.size) / rate_hz,
             source=f"twin of {self.stage.name}",
-            notes=("simulated: nothing in it was measured",),
-            attributes={"simulated": "yes", "axis": axis},
+            attributes={SIMULATED: f"twin of {self.stage.name}, axis {axis}"},
         )
 
     def strike(self, axis: str) -> HammerImpact:

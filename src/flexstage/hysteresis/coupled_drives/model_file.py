@@ -48,15 +48,20 @@ COUPLED_MODEL_FILE = Format(
 
 def coupled_model_text(result: CoupledDriveIdentification) -> str:
     """Return the model of an identification as YAML, which `read_coupled_model` reads."""
-    import yaml
-
     content = _Content(
         model=result.model,
         errors=tuple(level.error for level in result.levels),
         warnings=result.warnings,
     )
+    return description_text(COUPLED_MODEL_FILE, content)
+
+
+def description_text(kind: Format, content: Any) -> str:
+    """Return a description as the YAML of a kind of file."""
+    import yaml
+
     return yaml.dump(
-        {COUPLED_MODEL_FILE.key: COUPLED_MODEL_FILE.version, **plain(content)},
+        {kind.key: kind.version, **plain(content)},
         Dumper=plain_dumper(),
         sort_keys=False,
         allow_unicode=True,
@@ -67,9 +72,14 @@ def coupled_model_text(result: CoupledDriveIdentification) -> str:
 
 def is_coupled_model(path: Path) -> bool:
     """Return whether a file begins as a model of coupled drives; a missing one does not."""
+    return begins_as(path, COUPLED_MODEL_FILE)
+
+
+def begins_as(path: Path, kind: Format) -> bool:
+    """Return whether a file begins as one of a kind."""
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
-            return file.readline().startswith(COUPLED_MODEL_FILE.key)
+            return file.readline().startswith(kind.key)
     except OSError:
         return False
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -16,29 +16,42 @@ from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
 from flexstage.records.read import read_files
 from flexstage.records.record import Channel, Record
 
+
+class PredictedModel(Protocol):
+    """A model whose prediction can be drawn."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]: ...
+
+    @property
+    def output_unit(self) -> str: ...
+
+
 #: Time constants of the level until the state before a record is forgotten.
 _WARM_UP = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CoupledPrediction:
-    """A model on one record; the constant of each output is free."""
+    """A model on one record; less the means of coupled drives, or the offset of an oscillator."""
 
     source: str
     """The record."""
     time: Array
     """Times of the counted samples [s], shape (n,)."""
     measured: Array
-    """Measured outputs less their means, shape (n, p)."""
+    """Measured outputs, shape (n, p)."""
     predicted: Array
-    """Predicted outputs less their means, shape (n, p)."""
+    """Predicted outputs, shape (n, p)."""
     warm_up: int
     """Number of first samples that are not counted."""
+    notes: tuple[str, ...] = ()
+    """Assumptions."""
 
     @property
     def output_rms(self) -> float:
-        """Rms of the measured outputs."""
-        return float(np.sqrt(np.mean(self.measured**2)))
+        """Rms of the measured outputs about their means."""
+        return float(np.sqrt(np.mean(np.var(self.measured, axis=0))))
 
     @property
     def error(self) -> float:
@@ -53,14 +66,19 @@ class CoupledPrediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CoupledPredictions(Result):
-    """A model of coupled drives on several records."""
+    """A model of coupled drives, or of an oscillator, on several records."""
 
     table_key: ClassVar[str] = "records"
 
-    model: CoupledDriveModel
+    model: PredictedModel
     """The model."""
     predictions: tuple[CoupledPrediction, ...]
     """The model on each record."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Assumptions on the records."""
+        return tuple(note for p in self.predictions for note in p.notes)
 
     def data(self) -> dict[str, Any]:
         """Return the errors on each record as plain data."""

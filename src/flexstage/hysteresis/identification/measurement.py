@@ -27,7 +27,7 @@ from flexstage.hysteresis.identification.faults import (
     record_faults,
     without_spikes,
 )
-from flexstage.hysteresis.requests import Zero
+from flexstage.hysteresis.requests import OSCILLATOR, Zero
 from flexstage.quantities.units import readable
 from flexstage.records import Channel, Record
 from flexstage.records.quality import difference_noise
@@ -36,6 +36,10 @@ from flexstage.records.quality import difference_noise
 _NARROW_LOOP = 0.004
 #: Smallest correlation of an output that follows its input.
 _UNRELATED = 0.1
+#: Coherent share of an output that follows its input, the segments of the spectra, and the
+#: smallest power of an excited line. With fewer segments a random walk is coherent with a loop by
+#: chance; with more the resonance of a stage is not resolved.
+_COHERENT, _SEGMENTS, _EXCITED = 0.5, 4, 1e-3
 #: Ranges of a column whose squares and products are finite.
 _SMALLEST, _LARGEST = 1e-60, 1e60
 
@@ -252,14 +256,39 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
             turn = butterfly(i.values, o.values, moves) if moves.bounds.size > 1 else None
             if turn is not None:
                 raise RecordError(butterfly_text(turn, i.unit))
+            name = f"column '{o.name}' of {r.source or 'the record'}"
+            coherence, frequency = _coherence(i.values, o.values, r.sample_rate_hz)
+            if coherence > _COHERENT:
+                raise RecordError(
+                    f"{name} follows '{i.name}' (coherence {coherence:.2f}), but resonates or lags "
+                    f"within its band, with the largest gain at {frequency:.3g} Hz: move slower "
+                    f"than a tenth of that, or identify a resonant stage with --model {OSCILLATOR}"
+                )
             raise RecordError(
-                f"column '{o.name}' of {r.source or 'the record'} does not follow '{i.name}' "
-                f"(correlation {share:.3f}): select columns that belong together"
+                f"{name} does not follow '{i.name}' (coherence {coherence:.2f}): select columns "
+                f"that belong together; a stage that resonates needs --model {OSCILLATOR}"
             )
         signs.append(float(np.sign(share)))
     if len(set(signs)) > 1:
         raise RecordError("the output rises with the input in one record and falls in another")
     return signs[0]
+
+
+def _coherence(u: Array, y: Array, rate: float) -> tuple[float, float]:
+    """Return the coherent share of the power of an output, and the frequency of the largest gain.
+
+    A lag or a resonance changes the correlation, and not the coherence (Bendat and Piersol 2010).
+    """
+    from scipy.signal import csd, welch
+
+    length = max(u.size // _SEGMENTS, 16)
+    y = np.where(np.isfinite(y), y, np.nanmean(y))
+    frequency, cross = csd(u, y, rate, nperseg=length)
+    power_in, power_out = (welch(signal, rate, nperseg=length)[1] for signal in (u, y))
+    excited = power_in > _EXCITED * power_in.max()
+    gain = np.abs(cross[excited]) / power_in[excited]
+    share = np.sum(np.abs(cross[excited]) ** 2 / power_in[excited]) / np.sum(power_out)
+    return float(share), float(frequency[excited][np.argmax(gain)])
 
 
 def _section(

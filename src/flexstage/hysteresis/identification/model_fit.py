@@ -30,6 +30,7 @@ from flexstage.hysteresis.identification.projection import (
 )
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS, part
+from flexstage.hysteresis.requests import OSCILLATOR
 
 #: Samples and rows of the coarse search, and the factor on its limits of averaging.
 _COARSE_SAMPLES = 5000
@@ -387,6 +388,11 @@ def selected_models(names: Sequence[str]) -> tuple[str, ...]:
     allowed = f"choose from auto, {', '.join(available)}"
     if not names:
         raise ModelError(f"no model is given: {allowed}")
+    if OSCILLATOR in names:
+        raise ModelError(
+            f"the model '{OSCILLATOR}' is identified alone, by `identify_oscillator` or on the "
+            f"command line: {allowed}"
+        )
     for name in names:
         if name not in available:
             raise ModelError(f"the model '{name}' is not known: {allowed}")

@@ -7,8 +7,7 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
 from flexstage.hysteresis.coupled_drives.inverse import CoupledCommand
-from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
-from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions
+from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions, PredictedModel
 from flexstage.report.figures.style import (
     CYCLE,
     INK,
@@ -78,19 +77,19 @@ def draw_coupled_command(result: CoupledCommand) -> "Figure":
         "reference": result.reference,
         "predicted less reference": result.predicted - result.reference,
     }
-    return _draw_outputs(result.time, lines, result.model, "", result.command)
+    return _draw_outputs(result.time, lines, result.model, "", result)
 
 
 def _draw_outputs(
     time: Array,
     lines: dict[str, Array],
-    model: CoupledDriveModel,
+    model: PredictedModel,
     title: str,
-    commands: Array | None = None,
+    sent: CoupledCommand | None = None,
 ) -> "Figure":
-    """Draw lines of all outputs, one diagram each, and commands in a diagram below."""
+    """Draw lines of all outputs, one diagram each, and the commands sent in a diagram below."""
     outputs = len(model.outputs)
-    count = outputs + (commands is not None)
+    count = outputs + (sent is not None)
     figure, plots = panels(9.6, 0.6 + 1.7 * count, count, 1)
     unit, factor = scale(model.output_unit)
     for i, (axes, name) in enumerate(zip(plots, model.outputs, strict=False)):
@@ -98,12 +97,12 @@ def _draw_outputs(
             axes.plot(time, factor * values[:, i], color=colour, linewidth=1.0, label=label)
         label_axes(axes, "", f"{name}{unit}")
     add_legend(plots[0], loc="upper right", ncols=2)
-    if commands is not None:
-        for i, name in enumerate(model.inputs):
+    if sent is not None:
+        for i, name in enumerate(sent.model.inputs):
             colour = CYCLE[i % len(CYCLE)]
-            plots[-1].plot(time, commands[:, i], color=colour, linewidth=1.0, label=name)
-        add_legend(plots[-1], loc="upper right", ncols=len(model.inputs))
-        label_axes(plots[-1], "", f"command [{model.input_unit}]")
+            plots[-1].plot(time, sent.command[:, i], color=colour, linewidth=1.0, label=name)
+        add_legend(plots[-1], loc="upper right", ncols=len(sent.model.inputs))
+        label_axes(plots[-1], "", f"command [{sent.model.input_unit}]")
     plots[-1].set_xlabel("time [s]", fontsize=8.5)
     set_title(plots[0], title)
     return figure

@@ -1,12 +1,20 @@
 """Simulated stages: a controller by its address in this process, or the playback of a record."""
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from flexstage.base.errors import FlexstageError, LimitError, ModelError, NotConnectedError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import (
+    FlexstageError,
+    LimitError,
+    ModelError,
+    NotConnectedError,
+    RecordError,
+)
 from flexstage.files.request import request_fields
 from flexstage.instruments.connect import flag, longest_silence, options_of, whole_number
 from flexstage.instruments.limits import check_waveform
@@ -21,14 +29,20 @@ from flexstage.instruments.protocol import Waveform
 from flexstage.instruments.requests import TwinRequest
 from flexstage.instruments.transport import InProcess
 from flexstage.records import Record
-from flexstage.records.contents import default_drive_columns
+from flexstage.records.contents import (
+    column_label,
+    contents,
+    is_time,
+    likely_drive,
+    read_whole,
+)
 from flexstage.records.read import read_files
-from flexstage.records.read_options import ReadOptions
+from flexstage.records.record import SIMULATED
 from flexstage.stage import Stage
 from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 
-_OPTIONS = ("seed", "model", "servo_rate", "amplifier", "fast", "scatter", "quiet", "serial_number")
+_OPTIONS = ("seed", "model", "servo_rate", "amplifier", "fast", "scatter", "quiet")
 #: Line limit of a simulated controller, longer than that of a real one.
 _LONG_LINES = 16384
 _LONGEST_WAIT = 60.0
@@ -58,7 +72,6 @@ def open_twin(
         **_request_options(options, ("model", "servo_rate", "amplifier"), address),
         fast=flag(options, "fast", True, address),
         identity="flexstage",
-        serial_number=options.get("serial_number", ""),
     )
     controller = simulated_controller(
         stage,
@@ -101,13 +114,12 @@ def simulated_controller(
         scatter=scatter,
     )
     identity = request.identity or ("C-884" if stage_in_time.kind == "screw" else "E-727")
-    serial_number = request.serial_number or f"twin-{request.seed}"
+    serial_number = f"twin-{request.seed}"
     device = VirtualController(stage_in_time, serial_number=serial_number, names=request.axes)
     return Interpreter(
         device,
         FastTime(device) if request.fast else Pacemaker(device),
         model=MODELS.get(identity, GENERIC),
-        hold=request.hold_control,
     )
 
 
@@ -121,12 +133,17 @@ def _require_names(requested: tuple[str, ...], axes: int) -> None:
         )
 
 
-def played(stage: Stage, file: Path, axis: str | None, request: TwinRequest) -> Record:
-    """Return the response of a stage to the voltage of a record; refuse it beyond the limits."""
+def played(
+    stage: Stage, files: Sequence[Path], axis: str | None, request: TwinRequest
+) -> tuple[Record, Array | None]:
+    """Play the voltages of records one after another; return the response to the last.
+
+    All are refused if one is beyond the limits. If the last has a column ``reference`` in the unit
+    of the reading, as `compensate` writes it, the error of the reading is returned too.
+    """
     name = stage.axis(axis).name if axis else stage.axes[0].name
-    ((driven,), _, _) = default_drive_columns(file, ((), ("none",)), ReadOptions())
-    (record,) = read_files([file], [driven], even=True)
-    rate, values = record.sample_rate_hz, record.channel(driven).values
+    records = [_drive(file) for file in files]
+    rate = records[0].sample_rate_hz
     stage_in_time = virtual_stage(
         stage,
         model=request.model,
@@ -134,12 +151,45 @@ def played(stage: Stage, file: Path, axis: str | None, request: TwinRequest) -> 
         sample_rate_hz=rate * max(1, round(request.servo_rate / rate)),
         amplifier=request.amplifier,
     )
-    waveform = Waveform(values={name: values}, sample_rate_hz=rate, quantity="voltage")
-    try:
-        check_waveform(stage_in_time.limits, waveform)
-    except LimitError as error:
-        raise ModelError(f"'{file}': {error}") from error
-    return stage_in_time.played(name, values, rate)
+    for file, record in zip(files, records, strict=True):
+        if abs(record.sample_rate_hz - rate) > 1e-6 * rate:
+            raise RecordError(
+                f"records that are played one after another must have one sample rate, got "
+                f"{rate:g} Hz and, of '{file}', {record.sample_rate_hz:g} Hz: resample one"
+            )
+        voltage = {name: record.channels[0].values}
+        waveform = Waveform(values=voltage, sample_rate_hz=rate, quantity="voltage")
+        try:
+            check_waveform(stage_in_time.limits, waveform)
+        except LimitError as error:
+            raise ModelError(f"'{file}': {error}") from error
+    voltages = [record.channels[0].values for record in records]
+    starts = [0.0, *(float(values[-1]) for values in voltages[:-1])]
+    *_, result = [
+        stage_in_time.played(name, values, rate, before=start)
+        for values, start in zip(voltages, starts, strict=True)
+    ]
+    simulated = f"{result.attributes[SIMULATED]}, seed {request.seed}"
+    result, position = replace(result, attributes={SIMULATED: simulated}), result.channels[-1]
+    for reference in records[-1].channels[1:]:
+        if reference.unit == position.unit:
+            return result, position.values - reference.values
+    return result, None
+
+
+def _drive(file: Path) -> Record:
+    """Read the voltage of a record, and its reference if it has one."""
+    columns = [c for c in contents(*read_whole(file))["columns"] if not is_time(c)]
+    voltages = [c["number"] for c in likely_drive(columns)[0] if c["unit"] in ("V", "")]
+    if len(voltages) != 1:
+        raise RecordError(
+            f"'{file}' must have one column of a voltage next to its time, such as 'voltage (V)', "
+            f"got {len(voltages)} of {', '.join(map(column_label, columns)) or 'none'}"
+        )
+    references = [c["number"] for c in columns if c["name"] == "reference"][:1]
+    (record,) = read_files([file], [*voltages, *references], even=True)
+    channels = tuple(record.channel(column) for column in (*voltages, *references))
+    return replace(record, channels=channels)
 
 
 class Loopback:

@@ -59,8 +59,6 @@ class Refusal(IntEnum):
     MACRO_IS_WRITTEN = 1001
     NO_MACRO_IS_WRITTEN = 1002
     UNKNOWN_MACRO_FUNCTION = 1003
-    #: Another client has control. 51 would fit better, but clients take it for a joystick.
-    BUSY = 1005
 
 
 class RefusedError(FlexstageError, RuntimeError):

@@ -44,11 +44,7 @@ class Interpreter:
     """Interpreter of GCS 2.0 for a simulated controller, with any number of clients.
 
     All clients may send commands, as with a real controller, and each has its own error number.
-    With `hold` one client has exclusive control: the first that sends a command which moves or
-    changes something, until its session ends. Such commands of other clients are refused (error
-    1005, busy); they may read everything, and stop the motion. When the client in control
-    disconnects, the stage holds its position (a running motion or waveform continues to its end),
-    and the next client may take control.
+    When a client disconnects, a running motion or waveform continues to its end.
 
     Notes
     -----
@@ -64,14 +60,12 @@ class Interpreter:
         pace: Pace,
         *,
         model: ControllerModel = GENERIC,
-        hold: bool = False,
     ) -> None:
         #: The controller with its stage, and its pace of time.
         self.device, self.pace = device, pace
         self._state = ControllerState(device, pace, model)
         self._state.delivered = delivered(self._state)
         self._clients: list[Client] = []
-        self._hold = hold
         #: Clients that have sent a command which moves or changes something, in their order.
         self._commanding: list[Client] = []
         #: Client of the present command; the lock is held.
@@ -87,11 +81,6 @@ class Interpreter:
             if command.name not in unknown
         }
 
-    @property
-    def in_control(self) -> Client | None:
-        """The session with exclusive control."""
-        return self._commanding[0] if self._hold and self._commanding else None
-
     def reached_at(self, host: str, port: int) -> None:
         """Set the address of the controller."""
         self._state.host, self._state.port = host, port
@@ -102,7 +91,7 @@ class Interpreter:
             self._clients.append(client)
 
     def leave(self, client: Client) -> None:
-        """Remove a client; another one may take control."""
+        """Remove a client."""
         with self.pace.lock:
             self._clients = [other for other in self._clients if other is not client]
             self._macros.leave(client)
@@ -154,10 +143,8 @@ class Interpreter:
         self, client: Client, command: GcsCommand, words: Sequence[str], stopped: bool
     ) -> Reply:
         require(not (stopped and command.moves), Refusal.STOPPED)
-        if command.changes:
-            require(self.in_control in (None, client), Refusal.BUSY)
-            if client not in self._commanding:
-                self._commanding.append(client)
+        if command.changes and client not in self._commanding:
+            self._commanding.append(client)
         stops = self._state.stops
         self._client = client
         try:

@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.oscillator.steps import advance
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.model import Array, samples
+from flexstage.hysteresis.oscillator.steps import advance
 
 #: How an input moves between its samples.
 Interpolation = Literal["band-limited", "periodic", "linear"]

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from benchmarks.oscillator.oscillator import BoucWenOscillator
 from flexstage.base.errors import ConvergenceError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.oscillator.model import BoucWenOscillator
 
 #: Where the search begins, in parts of 1 / (twice the standard deviation of the displacement).
 GAMMAS = (0.3, 1.0, 3.0, 9.0)
@@ -17,10 +17,9 @@ DELTAS = (-3.0, -1.0, 0.0, 1.0, 3.0)
 class EquationError:
     """The error of the equation of motion with the measured displacement in it.
 
-    ``F u = m F y'' + c F y' + k F y + alpha F h(y; beta gamma, beta delta)`` where h is the
-    hysteretic force for alpha = 1, which the displacement determines, and F a low pass that keeps
-    the frequencies at which the mass moves and drops the rest, which is noise. The mass
-    [kg] is None where it is not known.
+    ``F u = m F y'' + c F y' + k F (y - o) + alpha F h(y; beta gamma, beta delta)`` where o is the
+    offset, h the hysteretic force for alpha = 1, which the motion determines, and F a low pass of
+    the frequencies at which the mass moves and drops the rest, which is noise.
 
     Notes
     -----
@@ -36,8 +35,8 @@ class EquationError:
     >>> rng = np.random.default_rng(3)
     >>> drive = 70.0 * np.convolve(rng.standard_normal(3000), np.hanning(9), "same")
     >>> record = truth.simulate(drive, 800.0).displacement
-    >>> found = EquationError(drive, record, 800.0, None, 1.0).search(None)
-    >>> print(f"{found.mass:.2f} kg")
+    >>> start, _ = EquationError(drive, record, 800.0, 1.0).search(None)
+    >>> print(f"{start.mass:.2f} kg")
     1.70 kg
     """
 
@@ -46,20 +45,17 @@ class EquationError:
         force: Array,
         displacement: Array,
         sample_rate_hz: float,
-        mass: float | None,
         exponent: float,
     ) -> None:
         n = displacement.size
-        self.displacement, self.mass, self.exponent = displacement, mass, exponent
+        self.displacement, self.exponent = displacement, exponent
         self.omega = 2.0 * np.pi * sample_rate_hz / n * np.arange(n // 2 + 1, dtype=np.float64)
         self.low_pass = _low_pass(displacement, self.omega)
         edge = max(32, n // 50)
         self.inside = slice(edge, n - edge)
         derivatives = [self.filtered(displacement, power) for power in (2, 1, 0)]
         self.target = self.filtered(force, 0)
-        if mass is not None:
-            self.target = self.target - mass * derivatives.pop(0)
-        self.columns = np.stack(derivatives, axis=1)
+        self.columns = np.stack([*derivatives, np.ones(self.target.size)], axis=1)
         self.unit = 1.0 / (2.0 * float(np.std(displacement)))
         self.scale = self.unit**exponent
 
@@ -69,7 +65,7 @@ class EquationError:
         return np.fft.irfft(spectrum, values.size)[self.inside]
 
     def project(self, x: Array) -> tuple[Array, Array]:
-        """Return the best m (unless known), c, k and alpha, and the error over the force.
+        """Return the best m, c, k, - k o and alpha, and the error over the force.
 
         x is beta gamma and beta delta, in parts of the unit of this record.
         """
@@ -84,26 +80,26 @@ class EquationError:
         linear = np.linalg.lstsq(matrix / norms, self.target, rcond=None)[0] / norms
         return linear, (matrix @ linear - self.target) / size
 
-    def search(self, start: tuple[float, float] | None) -> BoucWenOscillator:
-        """Return the oscillator of least error.
+    def search(self, start: tuple[float, float] | None) -> tuple[BoucWenOscillator, float]:
+        """Return the oscillator of least error, and the offset.
 
         The start is beta gamma and beta delta for alpha = 1; the best of a grid where None, or
         where it leads to no oscillator. A ConvergenceError where the best has a mass or a
         hysteretic stiffness below zero.
         """
-        found = None if start is None else self._from([np.array(start) / self.scale])
-        if found is None:
+        best = None if start is None else self._from([np.array(start) / self.scale])
+        if best is None:
             grid = [np.array([a, b]) for a in GAMMAS for b in DELTAS]
             grid.sort(key=lambda x: float(np.sum(self.project(x)[1] ** 2)))
-            found = self._from(grid[:3])
-        if found is None:
+            best = self._from(grid[:3])
+        if best is None:
             raise ConvergenceError(
                 "the record fits no oscillator with a mass and a hysteretic stiffness above zero: "
                 "check that the force is in N and the displacement in m and of the same sign"
             )
-        return found
+        return best
 
-    def _from(self, starts: list[Array]) -> BoucWenOscillator | None:
+    def _from(self, starts: list[Array]) -> tuple[BoucWenOscillator, float] | None:
         """Return the best that some starts lead to, None where it is no oscillator."""
         from scipy.optimize import least_squares
 
@@ -113,22 +109,22 @@ class EquationError:
         ]
         best = min(results, key=lambda result: float(result.cost)).x
         values = self.project(best)[0].tolist()
-        if self.mass is not None:
-            values = [self.mass, *values]
-        if len(values) < 4 or values[0] <= 0.0 or values[3] <= 0.0:
+        if not values or values[0] <= 0.0 or values[4] <= 0.0 or values[2] == 0.0:
             return None
+        mass, damping, stiffness, constant, alpha = values
         gamma, delta = (best * self.scale).tolist()
         # h is z / alpha: |z|**nu brings alpha**nu, of which one alpha is in front.
-        shrink = values[3] ** (1.0 - self.exponent)
-        return BoucWenOscillator(
-            mass=values[0],
-            damping=values[1],
-            stiffness=values[2],
-            alpha=values[3],
+        shrink = alpha ** (1.0 - self.exponent)
+        model = BoucWenOscillator(
+            mass=mass,
+            damping=damping,
+            stiffness=stiffness,
+            alpha=alpha,
             beta_gamma=gamma * shrink,
             beta_delta=delta * shrink,
             exponent=self.exponent,
         )
+        return model, -constant / stiffness
 
 
 def _low_pass(displacement: Array, omega: Array) -> Array:
