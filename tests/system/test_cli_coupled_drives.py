@@ -97,7 +97,7 @@ def follow(model: Path, measured: Path, folder: Path, capsys: pytest.CaptureFixt
     assert status(["export", str(model), "--to", "c", "--model", "lumped"]) == 2
     assert "has no options of a stage" in " ".join(capsys.readouterr().err.split())
     for other, message in (
-        (("--start", "rest"), "omit --relative and --start"),
+        (("--after", "rest"), "omit --relative and --after"),
         (("--column", "x,y"), "the model has 3 outputs, x, y, z; got 2 columns"),
     ):
         assert status([*words, *other]) == 2
