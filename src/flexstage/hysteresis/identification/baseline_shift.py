@@ -141,12 +141,12 @@ class _StackedRecords:
     def nuisance(self) -> Array:
         """Nuisance columns of each record, zero in the others, shape (n, k)."""
         pairs = zip(self.sections, self.rows, strict=True)
-        return block_diag(*(s.nuisance[r.at] for s, r in pairs))
+        return np.asarray(block_diag(*(s.nuisance[r.at] for s, r in pairs)))
 
     @property
     def trends(self) -> Array:
         """Rise by 1 over each record, about zero, and zero in the others, shape (n, records)."""
-        return block_diag(*(_trend(r)[:, None] for r in self.rows))
+        return np.asarray(block_diag(*(_trend(r)[:, None] for r in self.rows)))
 
     @property
     def cycle_rows(self) -> tuple[int, ...]:

@@ -292,7 +292,7 @@ def _jacobian(fit: FitResult, data: FitData, searched: Sequence[str]) -> Array:
         width = value + step - max(value - step, 0.0)
         parts.append(((ends[0] - ends[1]) / width)[:, None])
     blocks = [s.nuisance[r.at[u]] for s, r, u in zip(sections, data.rows, data.use, strict=True)]
-    return np.concatenate([*parts, block_diag(*blocks)], axis=1)
+    return np.concatenate([*parts, np.asarray(block_diag(*blocks))], axis=1)
 
 
 def _sums_by_cycle(scores: Array, data: FitData) -> Array:
