@@ -332,18 +332,20 @@ def _possible_starts(
     if before.stop == 0:
         return memory, starts, model.simulate(u, dt, states[memory], start=starts[0])
 
-    def trial(memory: str, start: Start) -> tuple[float, Array]:
-        reading = model.simulate(u, dt, states[memory], start=start)
-        return float(np.nanmedian(np.abs(y - reading)[before])), reading
+    def error(memory: str, start: Start) -> Array:
+        return (y - model.simulate(u, dt, states[memory], start=start))[before]
 
-    few = dict.fromkeys((starts[0], *starts[-2:]))
-    least = {m: min(trial(m, s)[0] for s in few) for m in states}
-    if least[memory] > _EQUAL * min(least.values()):
-        memory = min(least, key=lambda m: least[m])
-    errors, readings = zip(*(trial(memory, s) for s in starts), strict=True)
+    def scatter(memory: str) -> float:
+        # without the level, which depends on creep as well
+        errors = (error(memory, s) for s in dict.fromkeys((starts[0], *starts[-2:])))
+        return min(float(np.nanmedian(np.abs(e - np.nanmedian(e)))) for e in errors)
+
+    memory = min(states, key=scatter)
+    errors = [float(np.nanmedian(np.abs(error(memory, s)))) for s in starts]
     best = int(np.argmin(errors))
     others = (i for i, e in enumerate(errors) if i != best and e <= _EQUAL * errors[best])
-    return memory, tuple(starts[i] for i in (best, *others)), readings[best]
+    reading = model.simulate(u, dt, states[memory], start=starts[best])
+    return memory, tuple(starts[i] for i in (best, *others)), reading
 
 
 def _memory_states(model: DriveModel, first: float) -> dict[str, Array | None]:
