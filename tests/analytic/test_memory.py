@@ -43,7 +43,8 @@ def readings(before: Array, u: Array, dt: float = DT, seed: int = 3) -> Array:
 
 def record(u: Array, y: Array, dt: float = DT) -> Record:
     channels = (Channel(name="u", values=u, unit="V"), Channel(name="y", values=y, unit="um"))
-    return Record(channels=channels, time=dt * np.arange(u.size), source="grows.csv")
+    time: Array = np.linspace(0.0, dt * (u.size - 1), u.size)
+    return Record(channels=channels, time=time)
 
 
 @pytest.fixture(scope="module")
