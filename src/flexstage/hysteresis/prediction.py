@@ -410,23 +410,25 @@ def _possible_starts(
     first, memory = float(u[0]), USUAL_MEMORY
     if rows.stop == 0:
         return memory, starts, *model.response(u, dt, _before(model, memory, starts[0], first))
+
+    def response(memory: str, start: Start) -> tuple[Array, DriveState]:
+        return model.response(u, dt, _before(model, memory, start, first))
+
+    def error(memory: str, start: Start) -> Array:
+        return (y - response(memory, start)[0])[rows]
+
+    def scatter(memory: str) -> float:
+        # without the level, which depends on creep as well
+        errors = (error(memory, s) for s in dict.fromkeys((starts[0], *starts[-2:])))
+        return min(float(np.nanmedian(np.abs(e - np.nanmedian(e)))) for e in errors)
+
+    memory = min(memories(model.validity.input_range, first), key=scatter) if model.validity else memory
     free = model.zero != "one"
-
-    def trial(memory: str, start: Start) -> tuple[float, tuple[Array, DriveState]]:
-        response = model.response(u, dt, _before(model, memory, start, first))
-        differences = (y - response[0])[rows]
-        constant = np.nanmedian(differences) if free else 0.0
-        return float(np.nanmedian(np.abs(differences - constant))), response
-
-    few = dict.fromkeys((starts[0], *starts[-2:]))
-    names = memories(model.validity.input_range, first) if model.validity else (memory,)
-    least = {m: min(trial(m, s)[0] for s in few) for m in names}
-    if least[memory] > _EQUAL * min(least.values()):
-        memory = min(least, key=lambda m: least[m])
-    errors, responses = zip(*(trial(memory, s) for s in starts), strict=True)
+    differences = [error(memory, s) for s in starts]
+    errors = [float(np.nanmedian(np.abs(d - free * np.nanmedian(d)))) for d in differences]
     best = int(np.argmin(errors))
     others = (i for i, e in enumerate(errors) if i != best and e <= _EQUAL * errors[best])
-    return memory, tuple(starts[i] for i in (best, *others)), *responses[best]
+    return memory, tuple(starts[i] for i in (best, *others)), *response(memory, starts[best])
 
 
 def _before(model: DriveModel, memory: str, start: Start, first: float) -> DriveState:

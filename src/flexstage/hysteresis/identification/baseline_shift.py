@@ -45,9 +45,9 @@ class _Thresholds:
     """Samples that all records are averaged to: bounds the time of the search."""
     rows: int = 6000
     """Rows of these that the coarse model is fitted to: bounds the time of the search."""
-    cycles: int = 5
-    """Fewest cycles of a record after both ends of the range were reached, as for identification:
-    the coarse model takes the motion of fewer for jumps.
+    cycles: int = 3
+    """Fewest cycles of a record after both ends of the range were reached: no jump is looked for in
+    the first and the last one.
     """
     jumps: int = 3
     """Largest number of jumps in all records."""

@@ -1,5 +1,6 @@
 """Search for the linear chain behind an unknown hysteresis."""
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -29,11 +30,15 @@ from flexstage.hysteresis.identification.projection import residual_square, solv
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 from flexstage.hysteresis.models.line.law import Line
 
-#: The usual motion before a record is assumed unless another reduces the residual by this factor.
+#: A drive is assumed to have rested before a record unless another start reduces the residual by
+#: this factor.
 _BETTER = 0.99
 
 #: Motion of a drive before a record, for its creep: rest, none since the low end, long motion.
 _STARTS: tuple[Start, ...] = ("rested", 0.0, math.inf)
+#: The usual memory is assumed unless another reduces the residual by this factor: less is within
+#: the error of a coarse dictionary.
+_OTHER_MEMORY = 0.9
 
 #: Largest delay, as a share of the shortest cycle.
 _LONGEST_DELAY = 0.08
@@ -182,23 +187,27 @@ def find_memories(
     search = ChainResidual(replace(data, sections=tuple(sections)), train)
     if chain.resonance_hz > 0.0:
         search.fix_modes(chain)
-    best, start, least = {}, _STARTS[0], math.inf
     names = tuple(memories((0.0, 1.0), 0.0))
+    best: dict[int, str] = {}
+    least, start = math.inf, _STARTS[0]
     # first the same memory of all records, then another one of each
     for memory in names:
         for i in late:
             search.set_memory(i, memory)
+        residuals: dict[Start, float] = {}
         for trial in _STARTS:
             search.set_starts((trial,) * len(sections))
-            if (rms := search.rms(chain)) < _BETTER * least:
-                best, start, least = dict.fromkeys(late, memory), trial, rms
+            residuals[trial] = search.rms(chain)
+        trial = min(residuals, key=lambda t: residuals[t])
+        if residuals[trial] < _OTHER_MEMORY * least:
+            best, least, start = dict.fromkeys(late, memory), residuals[trial], trial
     search.set_starts((start,) * len(sections))
-    for i in late if len(late) > 1 else ():
-        for memory in names:
-            for k in late:
-                search.set_memory(k, memory if k == i else best[k])
-            if (rms := search.rms(chain)) < _BETTER * least:
-                best, least = {**best, i: memory}, rms
+    for i, memory in itertools.product(late if len(late) > 1 else (), names):
+        trial_memories = {**best, i: memory}
+        for k in late:
+            search.set_memory(k, trial_memories[k])
+        if (rms := search.rms(chain)) < _OTHER_MEMORY * least:
+            best, least = trial_memories, rms
     for i, memory in best.items():
         bare = without_history(data.sections[i])
         sections[i] = with_history(replace(bare, memory=memory))
