@@ -19,7 +19,6 @@ from flexstage.virtual import virtual_stack
 from tests.shared_data import DATA, needs
 
 MODELS = "preisach", "bouc-wen", "maxwell-slip", "modified-prandtl-ishlinskii"
-Array = np.ndarray
 
 
 def part(record: Record, start: int, stop: int) -> Record:
