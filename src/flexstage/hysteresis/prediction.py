@@ -246,8 +246,8 @@ def predict(
     moves = cycles(u[first:], dt, noise)
     has_cycle = moves.bounds.size > 1
     history = np.zeros(0)
-    if complete and (ends := RecordEnds.of(u[first:], y[first:])).show_period:
-        history, has_cycle = u[first:][: ends.samples], False
+    if complete and (ends := RecordEnds.of(u, y)).show_period:
+        history, has_cycle = u[: ends.samples], False
         start = math.inf if start is None else start
     begin = first + (warm_up(u[first:], moves) if has_cycle else 0)
     # a median, as the model does not include the first samples after a jump
