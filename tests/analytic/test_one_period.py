@@ -71,6 +71,8 @@ def test_held_out_parts_are_parts_of_the_one_period():
     (rows,) = rows_of(measurement([loop(70, 1)], "u", "y").sections)
     assert rows.at.size == np.unique(rows.at).size == 200
     assert sorted(set(rows.cycle.tolist())) == list(range(1, 11))
+    # also of a dense record whose first samples hardly move
+    assert measurement([loop(120, 1, n=20_000)], "u", "y").sections[0].first == 0
 
 
 @pytest.mark.parametrize(("begin", "closing"), [(0, 1), (63, 0), (100, 1), (171, 1)])

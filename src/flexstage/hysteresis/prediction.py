@@ -256,9 +256,9 @@ def predict(
     u, first, noise = _command(input_channel.values, y)
     moves = cycles(u[first:], dt, noise)
     if after == "auto" and np.isfinite(y).all():
-        ends = RecordEnds.of(u[first:], y[first:])
+        ends = RecordEnds.of(u, y)
         if ends.show_period:
-            period = u[first:][: ends.samples]
+            period = u[: ends.samples]
             after, notes = model.response(period, dt, model.before(math.inf))[1], (_ONE_PERIOD,)
     is_known, has_cycle = isinstance(after, DriveState), moves.bounds.size > 1
     begin = 0 if is_known else first + (warm_up(u[first:], moves) if has_cycle else 0)

@@ -383,7 +383,6 @@ def _closed_loop(
     None if a record is not stated to be a period and does not show one.
     """
     first = int(np.argmax(np.isfinite(y)))  # rows before it only set the memory of a table
-    first += 0 if stated else first_moving(u[first:])
     u, y = u[first:], y[first:]
     if not np.isfinite(y).all():
         if stated:
