@@ -159,9 +159,9 @@ def _upper_end(
     def fit(third: Array) -> tuple[float, Array, Array]:
         """Fit a parabola and a third column: mean square, coefficients, covariance."""
         columns = np.column_stack([centred(c) for c in (x, x**2, third)])
-        c = np.linalg.lstsq(columns, target, rcond=None)[0]
-        square = float(np.mean((target - columns @ c) ** 2))
-        return square, c, np.linalg.pinv(columns.T @ columns)
+        inverse = np.asarray(np.linalg.pinv(columns), dtype=np.float64)
+        c = inverse @ target
+        return float(np.mean((target - columns @ c) ** 2)), c, inverse @ inverse.T
 
     levels, slope = saturation(y), float(centred(x) @ target / (centred(x) @ centred(x)))
     if levels.clipped_high and slope > 0.0:

@@ -307,7 +307,8 @@ def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
     if error[0] > _THRESHOLDS.largest_error * f:
         return None
     columns = [np.hstack((w.ringing(f, damping, delay), w.ramps(delay))) for w in short]
-    through, at_once = sum(_residual(w, c)[1] for w, c in zip(short, columns, strict=True))
+    parts = [_residual(w, c)[1] for w, c in zip(short, columns, strict=True)]
+    through, at_once = np.sum(parts, axis=0)
     share = float(through / (through + at_once))
     width = max(float(w.corners[-1]) for w in short)
     if not share > 0.0:

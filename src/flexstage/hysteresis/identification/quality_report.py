@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lstsq
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
@@ -192,7 +191,8 @@ def _shift(
 
     def left(outputs: NDArray[np.intp], use: NDArray[np.bool_]) -> float:
         target = section.y[outputs[use]]
-        return float(np.mean((target - columns[use] @ lstsq(columns[use], target)[0]) ** 2))
+        fit = columns[use] @ np.linalg.lstsq(columns[use], target, rcond=1e-9)[0]
+        return float(np.mean((target - fit) ** 2))
 
     shares: dict[int, float] = {}
     good = (_THRESHOLDS.good * float(np.ptp(section.y))) ** 2
@@ -215,7 +215,7 @@ def _shift(
 def _gain_change(section: RecordSection, rows: Rows, columns: Array) -> tuple[float, int]:
     """Change of the gain of a record within it, else 0, and the sample at which it changes."""
     n, y = rows.at.size, section.y[rows.at]
-    basis = orthonormal(np.column_stack((columns, np.arange(n))))
+    basis = orthonormal(np.column_stack((columns, np.arange(n, dtype=np.float64))))
     motion = basis @ (basis.T @ y)
     motion -= motion.mean()
     kinds = np.column_stack((section.cycles.frequency_hz, section.cycles.swing))[rows.cycle - 1]
