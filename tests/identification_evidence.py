@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis import LogCreep, Sensor, excitation
@@ -32,7 +33,8 @@ PICMA = HERE.parent / "shared" / "data" / "picma-p885" / "Test_Vi_Do_Di.dat"
 LOGGED_HZ, JITTER = 10.4, 0.2
 #: A model is tried on what follows this share of a record, where its memory is wiped out.
 BEGUN = 0.15
-#: A figure that is worse by this factor needs a sentence.
+#: A figure, held out or on the record without the fault, that is worse by this factor needs a
+#: sentence.
 ALLOWED = 1.5
 #: What another source of the program cannot compute itself: a model on a record as it stands.
 TRY = """
@@ -141,6 +143,24 @@ def faults(own: Bench) -> Iterator[Fault]:
     yield record("jump of 5 %, auto", u, y + jump, model="auto")
     yield record("clipped at 87 %", u, np.minimum(y, y.min() + 0.87 * stroke))
     yield record("clipped, 1 % of samples", u, np.minimum(y, np.quantile(y, 0.99)))
+    for share, noise in ((0.95, 0.01), (0.9, 0.02)):
+        stopped = np.minimum(y, y.min() + share * stroke) + noise * stroke * rng.normal(size=u.size)
+        yield record(f"clipped at {100 * share:g} %, noise {100 * noise:g} %", u, stopped)
+    above = (y - y.min()) / stroke
+    yield record("saturated", u, stroke * np.tanh(2.0 * above))
+    yield record("partial butterfly", u, stroke * np.abs(above - 0.2))
+    yield record("steps of 2 %", u, np.round(y / (0.02 * stroke)) * 0.02 * stroke)
+    late = round(rate)
+    yield record("output 1 s early", u[:-late], y[late:])
+    yield record("output 1 s late", u[late:], y[:-late])
+    yield record("gain +5 % at half", u, y * np.where(np.arange(u.size) < u.size // 2, 1.0, 1.05))
+    yield record("own reading as input", y - y.min(), y)
+    yield record("swapped columns", y, u)
+    wander = low_passed(rng.standard_normal(u.size), rate)
+    wander = u.min() + swing * (0.5 + 0.5 * np.tanh(wander))
+    moved = own.driven(wander)
+    if moved is not None:
+        yield record("random walk, swapped columns", moved, wander)
     spiked = y.copy()
     spiked[rng.choice(u.size, 4, replace=False)] += 0.5 * stroke * np.array([1.0, -1.0, 1.0, -1.0])
     yield record("4 spikes", u, spiked)
@@ -157,8 +177,16 @@ def faults(own: Bench) -> Iterator[Fault]:
         )  # fmt: skip
     yield record("rate ten times too high", u, y, told_rate_hz=10.0 * rate)
     described = ("--stage", "vgtu-piezo", "--axis", "x")
+    yield record("mV for V", 1e-3 * u, y)
     yield record("mm for um", u, y, unit="mm")
     yield record("mm for um, --stage", u, y, unit="mm", options=described)
+
+
+def low_passed(values: Array, rate_hz: float) -> Array:
+    """Motion of about 0.3 and 2 Hz, of rms 1.2."""
+    parts = [gaussian_filter1d(values, rate_hz * width) for width in (0.08, 0.5)]
+    mixed = parts[0] / parts[0].std() + parts[1] / parts[1].std()
+    return 1.2 * mixed / mixed.std()
 
 
 def identified(fault: Fault, own: Bench, source: Path, folder: Path) -> dict[str, Any]:
@@ -201,7 +229,7 @@ def main() -> None:
     own = {"picma": picma, "stack": stack}[sys.argv[1]]()
     source = Path(sys.argv[2]) if len(sys.argv) > 2 else HERE / "src"
     words = sys.argv[3:] or [""]
-    clean: dict[str, tuple[float, set[str]]] = {}
+    clean: dict[str, tuple[float, float, set[str]]] = {}
     with tempfile.TemporaryDirectory() as name:
         for fault in faults(own):
             if fault.name != "none" and not any(word in fault.name for word in words):
@@ -211,7 +239,9 @@ def main() -> None:
             sys.stdout.flush()
 
 
-def row(fault: Fault, found: dict[str, Any], clean: dict[str, tuple[float, set[str]]]) -> str:
+def row(
+    fault: Fault, found: dict[str, Any], clean: dict[str, tuple[float, float, set[str]]]
+) -> str:
     """Return a row of the table; the first one of a model is what the others are judged by."""
     if "refused" in found:
         return f"| {fault.name} | refused | | | | | {found['refused']} |"
@@ -220,9 +250,10 @@ def row(fault: Fault, found: dict[str, Any], clean: dict[str, tuple[float, set[s
     free = found.get("heldout_free_constant_rms_percent")
     tried, tried_free = found["clean"]
     begins = {beginning(s) for s in said}
-    best, usual = clean.setdefault(fault.model, (held, begins))
+    best, right, usual = clean.setdefault(fault.model, (held, tried, begins))
     new = [s for s in said if beginning(s) not in usual]
-    silent = " **silent**" if held > ALLOWED * best and not new else ""
+    worse = held > ALLOWED * best or not tried <= ALLOWED * right
+    silent = " **silent**" if worse and not new else ""
     delay = float(found["chain"]["delay"]["value"])
     chosen = f": {found['model']}" if fault.model == "auto" else ""
     return (

@@ -314,6 +314,12 @@ def test_out_of_reach_is_refused_with_the_range():
         feedforward(drive, reference_within(drive) + 1e-3, DT)
     part = feedforward(drive, reference_within(drive) + 12e-6, DT)
     assert 0 < part.limited < part.command.size
+    assert "with a command of 4 to 116 V the drive reaches -60 to 0 um" in part.limit_note
+    # within narrower limits the range of the identification is out of reach as well
+    within = drive.hysteresis.simulate([60.0, 0.0], drive.conditioned()).values
+    ends = sorted(1e6 * (drive.offset + drive.sign * within))
+    with pytest.raises(ModelError, match=rf"range of the drive, {ends[0]:.4g} to {ends[1]:.4g} um"):
+        feedforward(drive, reference_within(drive) + 1e-3, DT, limits=(0.0, 60.0))
 
 
 @pytest.mark.parametrize(

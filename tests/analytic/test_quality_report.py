@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from flexstage.base.errors import RecordError
 from flexstage.hysteresis import Dahl, PrandtlIshlinskii
@@ -13,11 +14,12 @@ from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
 from flexstage.hysteresis.identification.cycles import cycles
-from flexstage.hysteresis.identification.faults import butterfly, clipped, without_spikes
+from flexstage.hysteresis.identification.faults import butterfly, range_end, without_spikes
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.model_fit import fit_data
+from flexstage.hysteresis.identification.quality_report import misrecorded
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
 
@@ -153,7 +155,7 @@ def test_four_spikes_change_neither_stroke_nor_delay_nor_creep():
 
 
 def ends(u, y, noise=NOISE):
-    return clipped(u, y, cycles(u, DT), noise)
+    return range_end(u, y, cycles(u, DT), noise)
 
 
 @pytest.mark.parametrize("cut", [0.13, 0.03])
@@ -167,17 +169,44 @@ def test_an_output_that_stops_is_found(cut, after):
     ):
         found = ends(U, y + rng.normal(0.0, after, U.size))
         assert found is not None
-        assert found[0] == pytest.approx(level, abs=0.004 * STROKE)
-        assert 0.3 * cut * STROKE < found[1] < 1.3 * cut * STROKE
+        assert found.kind == "clipping"
+        assert found.level == pytest.approx(level, abs=0.004 * STROKE)
+        assert 0.3 * cut * STROKE < found.lost < 1.3 * cut * STROKE
         truth = int(np.sum(np.abs(y - level) < 1e-9))
-        assert found[2] == pytest.approx(truth, rel=0.5)
+        assert found.samples == pytest.approx(truth, rel=0.5)
+
+
+@pytest.mark.parametrize("level", [-1.0, 1.0])
+def test_noise_does_not_hide_an_output_that_stops(level):
+    rng = np.random.default_rng(5)
+    high, noise = CLEAN[1000:].max(), 0.01 * STROKE
+    y = np.minimum(CLEAN, high - 0.06 * STROKE) + rng.normal(0.0, noise, U.size)
+    end = ends(level * (U - 60.0), level * y, noise)
+    assert end is not None
+    assert end.kind == "clipping"
+    assert level * end.level == pytest.approx(high - 0.06 * STROKE, abs=0.01 * STROKE)
+    assert ends(U, CLEAN + rng.normal(0.0, noise, U.size), noise) is None
+
+
+def test_a_ferroelectric_saturates_or_turns_back_and_is_not_clipped():
+    bent = STROKE * np.tanh((CLEAN - CLEAN.min()) / (0.5 * STROKE))
+    end = ends(U, bent)
+    assert end is not None
+    assert end.kind == "saturation"
+    low = CLEAN[1000:].min() + 0.1 * STROKE
+    turned = measurement([record(U, np.abs(CLEAN - low))], "u", "y").findings
+    assert [f.kind for f in turned] == ["butterfly"]
+    # too little for a minimum of the mean of a branch, but it turns at the end
+    turned = ends(U, np.where(low > CLEAN, low + 0.3 * (low - CLEAN), CLEAN))
+    assert turned is not None
+    assert turned.kind == "butterfly"
 
 
 def test_one_sample_in_a_hundred_is_enough():
     level = float(np.quantile(CLEAN, 0.99))
     found = ends(U, np.minimum(CLEAN, level))
     assert found is not None
-    assert (found[0], found[2]) == (level, 60)
+    assert (found.kind, found.level, found.samples) == ("clipping", level, 60)
 
 
 def monitored(y, share, seed, rate_hz=1.3):
@@ -206,12 +235,16 @@ def test_noise_of_the_input_clips_nothing(share):
 def test_values_alike_at_the_end_are_clipped_even_behind_the_turns():
     late = stack(U, late=0.02)
     level = float(np.quantile(late, 0.99))
-    assert ends(U, np.minimum(late, level)) == (level, NOISE, 60)
+    end = ends(U, np.minimum(late, level))
+    assert end is not None
+    assert (end.kind, end.level, end.lost, end.samples) == ("clipping", level, NOISE, 60)
 
 
 def test_an_amplifier_that_limits_softly_is_found():
     soft = 30.0 * np.tanh(CLEAN / 15.0)
-    assert ends(U, soft) is not None
+    end = ends(U, soft)
+    assert end is not None
+    assert end.kind == "saturation"
 
 
 def test_an_end_that_is_reached_is_none_that_clips():
@@ -420,6 +453,102 @@ def test_creep_behind_a_large_step_is_neither_jump_nor_drift(creep):
     assert shifts((u, y)) == []
 
 
+# ------------------------------------------------- another time, gain, unit or column than it seems
+
+
+def wandering(size=3000, seed=2):
+    """A random walk between 0 and 120 V, which is often at its ends."""
+    rng = np.random.default_rng(seed)
+    parts = [gaussian_filter1d(rng.standard_normal(size), width) for width in (10.0, 80.0)]
+    mixed = sum(part / part.std() for part in parts)
+    return 60.0 + 60.0 * np.tanh(1.2 * mixed / np.std(mixed))
+
+
+def misrecordings(u, y, chain=CHAIN):
+    return misrecorded(fit_data(measurement([record(u, y)], "u", "y"), chain))
+
+
+@pytest.mark.parametrize("late", [-1.0, -0.3, 0.35, 1.0])
+@pytest.mark.parametrize("u", [U, wandering()], ids=["cycles", "walk"])
+def test_an_output_of_another_time_is_named(u, late):
+    y, k = stack(u), round(abs(late) / DT)
+    u, y = (u[k:], y[:-k]) if late > 0.0 else (u[:-k], y[k:])
+    try:
+        (fault,) = misrecordings(u, y)
+    except RecordError as error:  # so late that it seems to be another column, or to lead
+        said = str(error)
+    else:
+        assert fault.kind == "shift"
+        said = fault.text
+    seconds = re.search(r"moves about ([\d.]+) (s|ms) (before|after)", said)
+    if seconds is None:
+        assert "the output leads the input" in said
+        return
+    size = float(seconds[1]) * (1e-3 if seconds[2] == "ms" else 1.0)
+    assert (size if seconds[3] == "after" else -size) == pytest.approx(late, abs=0.03)
+
+
+@pytest.mark.parametrize(("change", "place"), [(0.05, 3000), (-0.03, 3600)])
+@pytest.mark.parametrize("u", [U, wandering(U.size)], ids=["cycles", "walk"])
+def test_a_change_of_the_gain_is_placed(u, change, place):
+    y = stack(u) * np.where(np.arange(u.size) >= place, 1.0 + change, 1.0)
+    (fault,) = misrecordings(u, y)
+    assert (fault.kind, fault.record) == ("gain", 0)
+    assert fault.at[0] == pytest.approx(place * DT, abs=10.0 * DT)
+    assert fault.percent == pytest.approx(100.0 * change, rel=0.15)
+    # it is no jump of the zero, though it moves the mean as well
+    assert kinds(found_in(u, y)) == ["gain"]
+
+
+def test_cycles_of_another_rate_or_size_have_no_other_gain_or_time():
+    slow = np.concatenate((drive(3000, 0.7), drive(3000, 3.1)))
+    lagging = Lag(time_constant=1.0 / (2.0 * np.pi * 25.0)).simulate(stack(slow), DT).values
+    even = 60.0 - 60.0 * np.cos(2.0 * np.pi * 1.25 * TIME) * np.where(TIME % 4.0 < 2.0, 1.0, 0.5)
+    for u, y in ((slow, lagging), (U, CLEAN), (even, stack(even)), (U, jumped(3550, 0.03))):
+        assert misrecordings(u, y) == []
+
+
+def test_a_reading_as_input_is_named():
+    own = 2.7 * (CLEAN - CLEAN.min()) + np.random.default_rng(1).normal(0.0, 0.1, U.size)
+    found = found_in(own[:3000], CLEAN[:3000], model="dahl")
+    assert any("the output is a straight line of the input within" in w for w in found.warnings)
+
+
+def test_steps_of_a_converter_are_named():
+    coarse = measurement([record(U, np.round(CLEAN / 0.3) * 0.3)], "u", "y")
+    assert any("read in steps of 0.3 um, 0.85 % of the stroke" in w for w in coarse.warnings)
+
+
+def test_the_noise_of_a_coarse_converter_is_at_least_that_of_its_steps():
+    for step in (0.2, 2.0):
+        y = np.round(stack(U, noise=0.0) / step) * step
+        (section,) = measurement([record(U, y)], "u", "y").sections
+        assert section.noise >= step / np.sqrt(12.0)
+
+
+@pytest.mark.parametrize(
+    ("volts", "metres", "named"),
+    [(1.0, 1e-6, False), (1.0, 1e-3, True), (1e-3, 1e-6, True), (1e3, 1e-6, True)],
+    ids=["as it is", "mm for um", "mV for V", "V for mV"],
+)
+def test_a_motion_per_volt_that_no_drive_has_is_named(volts, metres, named):
+    channels = (
+        Channel(name="u", values=volts * U[:2000], unit="V"),
+        Channel(name="y", values=metres * CLEAN[:2000], unit="m"),
+    )
+    made = measurement([Record(channels=channels, time=TIME[:2000])], "u", "y")
+    assert any("check the units of both columns" in w for w in made.warnings) == named
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_swapped_columns_of_a_walk_are_refused(seed):
+    u = wandering(seed=seed)
+    y = stack(u)
+    measurement([record(u, y)], "u", "y")
+    with pytest.raises(RecordError, match="the output leads the input"):
+        measurement([record(y, u)], "u", "y")
+
+
 def test_clean_records_show_nothing():
     u = U[:4000]
     for model, seed in (("preisach", 1), ("dahl", 2)):
@@ -427,6 +556,7 @@ def test_clean_records_show_nothing():
         assert kinds(found) == []
         assert found.quality.fits
         assert found.quality.line_percent > 2.0
+        assert not any("straight line" in w or "in steps of" in w for w in found.warnings)
 
 
 def test_noise_is_nothing_that_a_model_should_explain():

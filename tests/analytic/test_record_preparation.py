@@ -21,6 +21,7 @@ from flexstage.hysteresis.identification.measurement import (
 from flexstage.hysteresis.identification.model_fit import fit_data
 from flexstage.hysteresis.identification.residuals import residuals
 from flexstage.records import Channel, Record
+from flexstage.records.drives import from_branches
 
 DT = 0.01
 LOW, HIGH = 3.0, 111.0
@@ -56,6 +57,19 @@ def test_the_memory_before_a_record_is_that_of_a_cycle_which_ended_at_the_low_en
     bare = without_history(section)
     np.testing.assert_array_equal(bare.u, u)
     assert bare.warm_up == section.warm_up - 2
+
+
+def test_the_fitted_rows_of_an_open_table_have_times():
+    """Its rows are numbered up and down again, and are in no order of time."""
+    u = np.linspace(0.0, 100.0, 150)
+    y = STACK.simulate(np.concatenate((u, u[::-1]))).values
+    table = zip("uab", (u, y[:150], y[150:][::-1] + 3e-7), ("V", "m", "m"), strict=True)
+    channels = tuple(Channel(name=name, values=v, unit=unit) for name, v, unit in table)
+    loop = from_branches(Record(channels=channels, time=np.arange(150.0)), "u", "a", "b")
+    assert loop.numbers is not None
+    assert loop.numbers[0] == loop.numbers[-1]
+    found = identify(loop, 0, 1, model="dahl", chain=ChainValues())
+    assert found.settings["fitted"].endswith("to 299 s")
 
 
 @pytest.mark.parametrize(("rest", "first"), [(0, 0), (12, 0), (20, 0), (350, 330), (2000, 1980)])

@@ -25,6 +25,7 @@ from flexstage.hysteresis.limited_inverse import (
     HIGHEST,
     command_limits,
     limited_inverse,
+    reach,
     steady_displacement,
     steady_input,
     steady_reading,
@@ -222,6 +223,10 @@ def feedforward(
             f"limits changed {int(limited.sum())} of {requested.size} samples of the command; the "
             f"largest resulting error is {readable(model.output_unit, lost)}"
         )
+        if inverse.missed.any():
+            reached = readable(model.output_unit, *reach(model, (low, high), memory), digits=4)
+            ends = readable(model.input_unit, low, high, digits=4)
+            limit_note += f"; with a command of {ends} the drive reaches {reached}"
         notes.append(limit_note)
     rest_command = float(memory[0])
     if not endless and abs(slow[0] - rest_command) > max(

@@ -75,7 +75,7 @@ def limited_inverse(
     inside = np.clip(target, bottom, top)
     beyond = np.abs(inside - target) > _ROUNDING * (top - bottom)
     if beyond.all():
-        raise ModelError(_out_of_reach(model, requested, (bottom, top)))
+        raise ModelError(_out_of_reach(model, requested, reach(model, limits, state)))
     command, after = _within(model, inside, state, low, high)
     error = np.abs(model.hysteresis.simulate(command, state).values - inside)
     return LimitedInverse(
@@ -118,10 +118,18 @@ def _nearest(model: DriveModel, target: Array, start: Array) -> Response:
         ) from error
 
 
-def _out_of_reach(model: DriveModel, requested: Array, reach: tuple[float, float]) -> str:
+def reach(model: DriveModel, limits: tuple[float, float], state: Array) -> tuple[float, float]:
+    """Return the lowest and the highest reading for commands between limits."""
+    low, high = limits
+    known = model.validity
     # creep adds to the output of the hysteresis, so the identified range is the better one
-    identified = None if model.validity is None else model.validity.output_range
-    ends = identified or sorted(model.offset + model.sign * r for r in reach)
+    if known and low <= known.input_range[0] and known.input_range[1] <= high:
+        return known.output_range
+    ends = model.offset + model.sign * model.hysteresis.simulate([high, low], state).values
+    return float(ends.min()), float(ends.max())
+
+
+def _out_of_reach(model: DriveModel, requested: Array, ends: tuple[float, float]) -> str:
     unit = model.output_unit
     times = float(np.ptp(requested)) / (ends[1] - ends[0])
     hint = f"; it spans {times:.3g} times as much: check its unit" if times > PREFIX else ""

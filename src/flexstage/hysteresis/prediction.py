@@ -422,7 +422,9 @@ def _possible_starts(
         errors = (error(memory, s) for s in dict.fromkeys((starts[0], *starts[-2:])))
         return min(float(np.nanmedian(np.abs(e - np.nanmedian(e)))) for e in errors)
 
-    memory = min(memories(model.validity.input_range, first), key=scatter) if model.validity else memory
+    memory = (
+        min(memories(model.validity.input_range, first), key=scatter) if model.validity else memory
+    )
     free = model.zero != "one"
     differences = [error(memory, s) for s in starts]
     errors = [float(np.nanmedian(np.abs(d - free * np.nanmedian(d)))) for d in differences]

@@ -92,8 +92,10 @@ def identification_in_words(result: Identification) -> list[str]:
     unit, factor = readable_unit(result.stroke, m.output_unit)  # one unit for all readings
     unit, input_unit = unit or "output", m.input_unit or "input"
     slope = factor * result.stroke / (high - low)
+    ends = sorted({*result.measurement.rates_hz[:1], *result.measurement.rates_hz[-1:]})
+    rates = f"; cycles at {readable('Hz', *ends, digits=3)}" if ends else ""
     lines = [
-        f"fitted: {result.settings['fitted']}",
+        f"fitted: {result.settings['fitted']}{rates}",
         f"stroke {factor * result.stroke:.4g} {unit} over "
         f"{readable(input_unit, low, high, digits=4)}, {slope:.3g} {unit}/{input_unit} on average; "
         f"noise about {result.noise_percent:.2f} % of the stroke",

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +22,34 @@ _SPIKE_RATIO = 8.0
 #: ... and number of these on each side; an input that moved within as many samples explains it.
 _NEAR = 32
 
-#: Widths of the end bands, as shares of the range of the input, the widest first: slow saturation
-#: of an amplifier, and an end of range that is reached in 1 % of the samples.
-_END_BANDS = np.geomspace(0.3, 0.005, 14)
-#: The output is clipped if its slope there is less than this share of the slope further inside.
-_FLAT = 0.3
+
+@dataclass(frozen=True, slots=True)
+class _EndThresholds:
+    """Limits of the search for an end of the range that the output does not follow."""
+
+    bands: tuple[float, ...] = tuple(np.geomspace(0.3, 0.02, 10).tolist())
+    """Widths of the end, as shares of the range of the input: slow saturation of an amplifier, and
+    an end that is reached in 1 % of the samples.
+    """
+    flat: float = 0.4
+    """Largest slope there, as a share of the slope further inside."""
+    near: float = 0.6
+    """Width of the part of a branch that is fitted, as a share of the range, and ..."""
+    after_turn: float = 0.1
+    """... its smallest distance from the turning point before."""
+    scatter: float = 0.01
+    """Largest residual of a branch with a sharp bend, as a share of the stroke: a ferroelectric
+    that saturates leaves more.
+    """
+    smooth: float = 0.04
+    """Width of the end over which a cubic saturates, as a share of the range."""
+
+
+_END = _EndThresholds()
 #: A swing over this share of the range and more is a large one.
 _LARGE_SWING = 0.5
 #: Number of intervals of the input over which a branch is averaged.
-_INTERVALS = 16
+_INTERVALS = 40
 #: Smallest turn of the branches of a butterfly, as a share of the range of the output.
 _TURNS_BACK = 0.03
 #: Largest number of times in a message.
@@ -59,7 +79,7 @@ class RecordFault:
     """Fault of a record."""
 
     kind: str
-    """``spikes``, ``clipping``, ``butterfly``, ``jump`` or ``drift``."""
+    """``spikes``, ``clipping``, ``saturation``, ``butterfly``, ``jump``, ``gain`` or ``drift``."""
     record: int
     """Number of the record, from 0."""
     at: tuple[float, ...]
@@ -71,82 +91,116 @@ class RecordFault:
     text: str
     """Message with a remedy."""
 
+    @classmethod
+    def of(
+        cls, kind: str, record: int, at: Sequence[float], size: float, stroke: float, text: str
+    ) -> Self:
+        """Return a fault of a record with this stroke."""
+        percent = 100.0 * size / stroke
+        return cls(kind=kind, record=record, at=tuple(at), size=size, percent=percent, text=text)
 
-def clipped(
+
+@dataclass(frozen=True, slots=True)
+class RangeEnd:
+    """End of the range at which an output stops, bends or turns back while the input moves."""
+
+    kind: str
+    """``clipping``, ``saturation`` or ``butterfly``."""
+    at: float
+    """Input at which it begins."""
+    level: float
+    """Output beyond that."""
+    lost: float
+    """Motion that is missing at the end."""
+    samples: int
+    """Number of samples concerned."""
+
+
+def range_end(
     u: Array, y: Array, moves: Cycles, noise: float, input_noise: float = 0.0
-) -> tuple[float, float, int] | None:
-    """Find a constant output at an end of its range while the input still moves.
+) -> RangeEnd | None:
+    """Find an end of the range at which the output does not follow the input.
 
     Only branches towards the end of the range are used, as every drive hesitates after a turning
-    point. Their slope near the end is compared with that further inside. Neither a delay nor creep
-    reduces it, and noise does not hide a slope of many samples; bands of a few times the noise of
-    the input are not used. Equal values at the end are clipped if noise would have changed them.
-    Returned: the constant value, the lost motion, and the number of clipped samples. The noise of
-    the input is that removed from it.
+    point. A parabola with a bend, at the input where it fits best, is compared with a cubic: noise
+    does not hide a slope of many samples. The output is clipped beyond a sharp bend into a
+    constant, saturates where the cubic fits better, and turns back where it then falls. Equal
+    values at the end are clipped if noise would have changed them. The noise of the input is that
+    removed from it.
+
+    Validity: at most 30 % of the range beyond the bend; no bend within ten times the noise of the
+    input, which reduces every slope there.
     """
     for sign in (1.0, -1.0):
-        clipping = _clipped_above(sign * u, sign * y, moves.turning, noise, input_noise)
-        if clipping is not None:
-            return sign * clipping[0], clipping[1], clipping[2]
+        end = _upper_end(sign * u, sign * y, moves.turning, noise, input_noise)
+        if end is not None:
+            return replace(end, at=sign * end.at, level=sign * end.level)
     return None
 
 
-def _clipped_above(
+def _upper_end(
     u: Array, y: Array, turning: NDArray[np.intp], noise: float, input_noise: float
-) -> tuple[float, float, int] | None:
-    low, high = float(u.min()), float(u.max())
+) -> RangeEnd | None:
+    high, span = float(u.max()), float(np.ptp(u))
     rising = [s for s in _swings(u, turning) if u[s.stop - 1] > u[s.start]]
-    inner = _slope(u, y, rising, low + 0.3 * (high - low), low + 0.7 * (high - low))
-    jitter = max(difference_noise(u, 2), input_noise)
-    if inner is None or inner[0] <= 0.0:
+    parts = [(u[s][at], y[s][at]) for s in rising if (at := _approach(u[s], high, span)).sum() > 5]
+    if not parts:
         return None
-    step = quantisation_step(y)
-    levels = saturation(y)
-    if levels.clipped_high:
-        lost = max(_rise(u, y, rising) - 3.0 * jitter, 0.0) * inner[0]
-        if max(lost, noise) > 2.0 * step:
-            return levels.high, max(lost, noise), levels.at_high
-    for share in _END_BANDS:
-        band = share * (high - low)
-        # noise of the input reduces every slope over less than a few times it
-        outer = _slope(u, y, rising, high - band, high) if band > 10.0 * jitter else None
-        if outer is None or outer[1] == 0.0:
-            continue
-        # a step of the converter is an error of all samples in it
-        error = 4.0 * noise / outer[1] + 2.0 * step / band
-        if outer[0] + error < _FLAT * inner[0]:
-            level = float(np.median(np.concatenate([y[s][u[s] > high - band] for s in rising])))
-            lost = (inner[0] - outer[0]) * band
-            return level, lost, int(np.sum(y > level - max(4.0 * noise, 0.05 * lost)))
-    return None
+    x, z = (np.concatenate(values) for values in zip(*parts, strict=True))
+    x = (x - high) / span
+    branch = np.repeat(np.arange(len(parts)), [part[0].size for part in parts])
+    step, jitter = quantisation_step(y), max(difference_noise(u, 2), input_noise) / span
 
+    def centred(values: Array) -> Array:
+        return values - (np.bincount(branch, weights=values) / np.bincount(branch))[branch]
 
-def _rise(u: Array, y: Array, swings: Sequence[slice]) -> float:
-    """Largest range of the input over which the output is exactly at its maximum."""
-    spans = []
-    for s in swings:
-        ends = np.flatnonzero(np.diff(np.concatenate(([0], (y[s] == y.max()).astype(int), [0]))))
-        spans += [float(np.ptp(u[s][a:b])) for a, b in zip(ends[::2], ends[1::2], strict=True)]
-    return max(spans, default=0.0)
+    target = centred(z)
 
+    def fit(third: Array) -> tuple[float, Array, Array]:
+        """Fit a parabola and a third column: mean square, coefficients, covariance."""
+        columns = np.column_stack([centred(c) for c in (x, x**2, third)])
+        inverse = np.asarray(np.linalg.pinv(columns), dtype=np.float64)
+        c = inverse @ target
+        return float(np.mean((target - columns @ c) ** 2)), c, inverse @ inverse.T
 
-def _slope(
-    u: Array, y: Array, swings: Sequence[slice], low: float, high: float
-) -> tuple[float, float] | None:
-    """Slope of the output in a band of the input, and root of the sum of squares of the input."""
-    product = square = 0.0
-    count = 0
-    for s in swings:
-        inside = (u[s] >= low) & (u[s] <= high)
-        if int(inside.sum()) < 3:
-            continue
-        du = u[s][inside] - u[s][inside].mean()
-        product += float(du @ (y[s][inside] - y[s][inside].mean()))
-        square += float(du @ du)
-        count += int(inside.sum())
-    if count < 5 or square == 0.0:
+    levels, slope = saturation(y), float(centred(x) @ target / (centred(x) @ centred(x)))
+    if levels.clipped_high and slope > 0.0:
+        equal = [u[s][y[s] == levels.high] for s in rising]
+        at_top = max((float(np.ptp(inputs)) for inputs in equal if inputs.size), default=0.0)
+        lost = max(max(at_top / span - 3.0 * jitter, 0.0) * slope, noise)
+        if lost > 2.0 * step:
+            return RangeEnd("clipping", high - at_top, levels.high, lost, levels.at_high)
+    bands = [b for b in _END.bands if b > 10.0 * jitter and np.sum(x > -b) > 4]
+    if not bands:
         return None
-    return product / square, float(np.sqrt(square))
+    # a branch is curved: a bend is an excess over a parabola
+    (square, c, spread), band = min(
+        ((fit(np.maximum(x + b, 0.0)), b) for b in bands), key=lambda f: f[0][0]
+    )
+    smooth = fit(x**3)
+    inside, outside = np.array([1.0, -2.0 * band, 0.0]), np.array([1.0, -band, 1.0])
+    sharp = square < max(2.0 * noise**2, (_END.scatter * float(np.ptp(y))) ** 2)
+    if smooth[0] < square:
+        (square, c, spread), band, sharp = smooth, _END.smooth, False
+        inside, outside = np.array([1.0, -1.0, 0.75]), np.array([1.0, -band, 0.75 * band**2])
+    before, after = float(inside @ c), float(outside @ c)
+    error = 3.0 * math.sqrt(max(noise**2, square) * float(outside @ spread @ outside))
+    error += 2.0 * step / band  # a step of the converter is an error of all samples in it
+    if before <= 0.0 or after + error > _END.flat * before:
+        return None
+    level, lost = float(np.median(z[x > -band])), (before - after) * band
+    turns = after < -max(3.0 * error, 0.1 * before)
+    return RangeEnd(
+        "butterfly" if turns else "clipping" if sharp else "saturation",
+        high - band * span, level, lost, int(np.sum(y > level - max(4.0 * noise, 0.05 * lost))),
+    )  # fmt: skip
+
+
+def _approach(u: Array, high: float, span: float) -> NDArray[np.bool_]:
+    """Moving samples of a branch in the upper part of the range, well after its turning point."""
+    step = np.abs(np.diff(u, prepend=u[0]))
+    moves = (step > 0.0) & (step < 0.1 * span)
+    return moves & (u > max(high - _END.near * span, u[0] + _END.after_turn * span))
 
 
 def _swings(u: Array, turning: NDArray[np.intp]) -> list[slice]:
@@ -178,9 +232,9 @@ def butterfly(u: Array, y: Array, moves: Cycles) -> tuple[float, float, float] |
     if filled.sum() < _INTERVALS // 2:
         return None
     size = float(np.ptp(np.concatenate((up[filled], down[filled]))))
-    for sign in (1.0, -1.0):
+    for sign, against_lag in ((1.0, 1), (-1.0, 0)):
         turns = [_turns_back(sign * branch[filled]) for branch in (up, down)]
-        depth = min(t[1] for t in turns)
+        depth = turns[against_lag][1]
         if depth > _TURNS_BACK * size:
             at = middle[filled]
             return float(at[turns[0][0]]), float(at[turns[1][0]]), depth
@@ -231,39 +285,49 @@ def record_faults(
     u, y = section.u, section.y
     stroke = float(np.ptp(y[section.warm_up :]))
     faults: list[RecordFault] = []
-
-    def add(kind: str, at: Sequence[float], size: float, text: str) -> None:
-        percent = 100.0 * size / stroke
-        faults.append(
-            RecordFault(
-                kind=kind, record=number, at=tuple(at), size=size, percent=percent, text=text
-            )
-        )
-
     if spikes.size:
         at = (spikes * section.dt).tolist()
         places = ", ".join(f"{t:.6g}" for t in at[:_TIMES]) + (", ..." if len(at) > _TIMES else "")
-        add(
-            "spikes", at, 0.0,
+        text = (
             f"{spikes.size} samples of the output are spikes (at {places} s): they were replaced "
-            "by interpolation between their neighbours; check sensor and cable",
-        )  # fmt: skip
+            "by interpolation between their neighbours; check sensor and cable"
+        )
+        faults.append(RecordFault.of("spikes", number, at, 0.0, stroke, text))
     turn = butterfly(u, y, section.cycles)
-    if turn is not None:
-        add("butterfly", (), turn[2], butterfly_text(turn, units[0]))
-        return tuple(faults)  # such an output has no end of range
-    flat = clipped(u, y, section.cycles, section.noise, section.input_noise)
-    if flat is not None:
-        level, lost, count = flat
-        stays = readable(units[1], sign * level, digits=4)
-        add(
-            "clipping", (), lost,
-            f"the output is clipped at {stays} while the input still moves, in {count} samples "
-            f"({100.0 * count / y.size:.1f} %), and loses about {100.0 * lost / stroke:.2g} % of "
-            "the stroke: check for saturation of sensor or amplifier and for contact of the stage "
-            "with a stop, and exclude that range of the input",
-        )  # fmt: skip
+    if turn is not None:  # such an output has no end of range
+        text = butterfly_text(turn, units[0])
+        return (*faults, RecordFault.of("butterfly", number, (), turn[2], stroke, text))
+    end = range_end(u, y, section.cycles, section.noise, section.input_noise)
+    if end is not None:
+        text = _range_end_text(end, sign, units, stroke, y.size)
+        faults.append(RecordFault.of(end.kind, number, (), end.lost, stroke, text))
     return tuple(faults)
+
+
+def _range_end_text(
+    end: RangeEnd, sign: float, units: tuple[str, str], stroke: float, size: int
+) -> str:
+    """Return the message about an end of the range that the output does not follow."""
+    at, level = readable(units[0], end.at), readable(units[1], sign * end.level, digits=4)
+    lost = f"in {end.samples} samples ({100.0 * end.samples / size:.1f} %)"
+    lost += f", and loses about {100.0 * end.lost / stroke:.2g} % of the stroke"
+    if end.kind == "clipping":
+        return (
+            f"the output is clipped at {level} while the input still moves, {lost}: check for "
+            "saturation of sensor or amplifier and for contact of the stage with a stop, and "
+            "exclude that range of the input"
+        )
+    if end.kind == "saturation":
+        return (
+            f"the output saturates beyond an input of {at}, {lost}: its slope falls below "
+            f"{100 * _END.flat:g} % without a sharp bend, as by a ferroelectric at high field or "
+            "an amplifier that limits softly; exclude that range of the input unless it is used"
+        )
+    return (
+        f"partial butterfly loop: the output turns back beyond an input of {at}, at {level}: the "
+        "polarity of a piezo drive begins to change there, and no model includes that; exclude "
+        "that range of the input"
+    )
 
 
 def without_spikes(u: Array, y: Array) -> tuple[Array, NDArray[np.intp]]:
@@ -316,12 +380,8 @@ def _spikes(y: Array, length: int, floor: float, explained: Array) -> list[int]:
 
 def _cubic(length: int) -> Array:
     """Weights of two samples before and two after for the samples between, shape (length, 4)."""
-    x = np.array([-2.0, -1.0, length, length + 1.0])
-    at = np.arange(length, dtype=np.float64)
-    others = [np.delete(x, i) for i in range(4)]
-    return np.stack(
-        [np.prod([(at - o) / (x[i] - o) for o in others[i]], axis=0) for i in range(4)], axis=1
-    )
+    around = np.array([-2.0, -1.0, length, length + 1.0])
+    return np.vander(np.arange(length), 4) @ np.linalg.inv(np.vander(around))
 
 
 def _explained_motion(u: Array, y: Array) -> Array:
@@ -410,4 +470,43 @@ def input_noise_warning(share: float) -> str:
     return (
         f"the input has noise of {100 * share:.2g} % of its range, which the output does not "
         "follow: it was smoothed; if the command was recorded, use it instead"
+    )
+
+
+def likely_shifts(u: Array, y: Array, least: int) -> tuple[int, ...]:
+    """Return shifts [samples] at which an output may follow an input: the best and the smallest.
+
+    The squared correlation with the middle half of the input has a maximum of at least 0.5 there.
+    Shifts count from the maximum within the least shift, which is the lag of hysteresis and delay;
+    where there is none, that lag is unknown, so that some are tried.
+    """
+    from scipy.signal import correlate, find_peaks
+
+    middle = y.size // 4
+    x = u[middle : u.size - middle] - u[middle : u.size - middle].mean()
+    product = correlate(y - y.mean(), x, mode="valid", method="fft")
+    sums = [np.cumsum(np.append(0.0, (y - y.mean()) ** k)) for k in (1, 2)]
+    mean, square = (c[x.size :] - c[: -x.size] for c in sums)
+    variance = np.maximum(square - mean**2 / x.size, 1e-300)
+    share = product**2 / (variance * max(float(x @ x), 1e-300))
+    # symmetric cycles fit half a cycle later with the other sign: no shift, if they fit already
+    if share[middle] > 0.8:
+        share = np.where(product * product[middle] > 0.0, share, 0.0)
+    near = share[middle - least : middle + least + 1]
+    usual = int(np.argmax(near)) - least if 0 < np.argmax(near) < near.size - 1 else 0
+    peaks = [int(k) - middle - usual for k in find_peaks(share, height=0.5)[0]]
+    peaks = [k for k in peaks if abs(k) > least]
+    best = sorted(peaks, key=lambda k: -share[middle + usual + k])
+    shifts = dict.fromkeys((*best[:4], *sorted(peaks, key=abs)[:8]))
+    return tuple(
+        lag - less for lag in shifts for less in sorted({-least // 5, 0, least // 4, least // 2})
+    )
+
+
+def shift_text(seconds: float) -> str:
+    """Return the message about an output that is shifted in time."""
+    return (
+        f"the output moves about {readable('s', abs(seconds), digits=3)} "
+        f"{'before' if seconds < 0.0 else 'after'} the input, by the best correlation: check that "
+        "both were recorded with one clock and begin with the same sample"
     )

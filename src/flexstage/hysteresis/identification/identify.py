@@ -217,8 +217,8 @@ def _fitted(
 def _times_in_file(record: Record) -> Array:
     """Times from the first sample of the file [s], of which a part may have been read."""
     numbers, since = record.numbers, record.time - record.time[0]
-    if numbers is None or np.isnan(numbers).any():
-        return since
+    if numbers is None or not numbers[-1] > numbers[0] or np.isnan(numbers).any():
+        return since  # rows of a table are in no order of time
     return since + float(numbers[0] * since[-1] / (numbers[-1] - numbers[0]))
 
 
@@ -255,7 +255,7 @@ def _result(
     figures: dict[str, Any] = {
         f"heldout_{name}": getattr(held_out, name, None) for name in HeldOut.names
     }
-    settling, starts = _before(best, data)
+    settling, doubt, starts = _before(best, data)
     m = data.measurement
     drive = _drive_model(best, data)
     noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
@@ -273,7 +273,9 @@ def _result(
         offset=replace(offset, value=m.sign * offset.value),
         warnings=(
             *report.sentences,
-            *fit_warnings(best, data, estimate, error, settling, held_out=train is not None),
+            *fit_warnings(
+                best, data, estimate, error, (settling, doubt), held_out=train is not None
+            ),
             *parameter_warnings,
         ),
         settling=settling,
@@ -294,12 +296,12 @@ def _as_measured(section: RecordSection) -> RecordSection:
     return replace(bare, y=np.where(bare.measured, bare.y, np.nan))
 
 
-def _before(best: FittedModel, data: FitData) -> tuple[float, tuple[Start, ...]]:
-    """Largest change of readings by earlier motion, and the starts that fit equally well."""
+def _before(best: FittedModel, data: FitData) -> tuple[float, float, tuple[Start, ...]]:
+    """Largest changes of readings by any and by unknown earlier motion, and its possible starts."""
     sections = data.sections
     assumed = _known_start(sections[0])
     if data.chain.creep_per_decade == 0.0:
-        return 0.0, (assumed,)
+        return 0.0, 0.0, (assumed,)
     quasi = [best.fit.model.simulate(s.u).values[:, None] for s in sections]
     outputs: dict[Start, list[Array]] = {}
     for start in dict.fromkeys((assumed, "rested", 0.0, math.inf)):
@@ -315,10 +317,11 @@ def _before(best: FittedModel, data: FitData) -> tuple[float, tuple[Start, ...]]
     every = [np.concatenate(outputs[s]) for s in ("rested", 0.0, math.inf)]
     settling = float(np.max(np.ptp(every, axis=0)))
     if sections[0].periodic:
-        return settling, (assumed,)
+        return settling, 0.0, (assumed,)
     if "rested" in possible and np.max(np.abs(every[0] - every[1])) < _SAME_START * settling:
         possible = [s for s in possible if s != 0.0]  # a rest at the low end
-    return settling, tuple(possible)
+    doubt = float(np.max(np.ptp([np.concatenate(outputs[s]) for s in possible], axis=0)))
+    return settling, doubt, tuple(possible)
 
 
 def _chain(estimate: ChainEstimate) -> tuple[ParameterEstimate, ...]:

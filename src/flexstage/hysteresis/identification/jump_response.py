@@ -46,19 +46,17 @@ class _Thresholds:
     """Smallest ratio of a spectral line to the median, for possible ringing."""
     certain_line: float = 100.0
     """Smallest ratio of a spectral line to the median, for certain ringing."""
-    certain_size: float = 5.0
-    """Smallest ratio of the residual to the noise, for certain ringing."""
+    certain_size: float = 2.0
+    """Smallest ratio of the rms residual to the noise, for certain ringing."""
     phase: float = 0.1
     """Shift of the phase of a mode by the hysteresis in a jump, over the duration of the jump."""
+    widths: tuple[int, int] = (2, 8)
+    """Numbers of samples of a jump."""
+    within: float = 1.0 / math.sqrt(12.0)
+    """Standard deviation of the place of a jump between two samples [samples]."""
 
 
 _THRESHOLDS = _Thresholds()
-#: Numbers of samples of a jump.
-_WIDTHS = (2, 8)
-
-
-#: Standard deviation of the place of a jump between two samples [samples].
-_WITHIN = 1.0 / math.sqrt(12.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,7 +102,7 @@ def jumps(u: Array) -> NDArray[np.intp]:
     motion in the twelve next to it.
     """
     pairs: list[tuple[int, int]] = []
-    for width in _WIDTHS:
+    for width in _THRESHOLDS.widths:
         if u.size < 4 * (_THRESHOLDS.quiet + width):
             break
         step = np.abs(u[width:] - u[:-width])
@@ -124,16 +122,15 @@ def jumps(u: Array) -> NDArray[np.intp]:
 
 def _jump_extent(u: Array, start: int, stop: int) -> tuple[int, int]:
     """Last sample before a jump, and first sample after it, from two samples of it."""
-    little = 0.02 * abs(u[stop] - u[start])
-    while start > 0 and stop - start < _WIDTHS[-1] and abs(u[start] - u[start - 1]) > little:
+    first, longest = max(start - _THRESHOLDS.widths[-1], 0), _THRESHOLDS.widths[-1]
+    moves = np.abs(np.diff(u[first : stop + longest + 1])) > 0.02 * abs(u[stop] - u[start])
+    start, stop = start - first, stop - first
+    while start > 0 and stop - start < longest and moves[start - 1]:
         start -= 1
-    while stop < u.size - 1 and stop - start < _WIDTHS[-1] and abs(u[stop + 1] - u[stop]) > little:
+    while stop < moves.size and stop - start < longest and moves[stop]:
         stop += 1
-    while stop - start > 1 and abs(u[start + 1] - u[start]) < little:
-        start += 1
-    while stop - start > 1 and abs(u[stop] - u[stop - 1]) < little:
-        stop -= 1
-    return start, stop
+    inside = np.flatnonzero(moves[start:stop])
+    return first + start + int(inside[0]), first + start + int(inside[-1]) + 1
 
 
 def jump_response(section: RecordSection) -> Resonance | None:
@@ -158,24 +155,18 @@ def jump_response(section: RecordSection) -> Resonance | None:
         return None
     dt = section.dt
     longest = min(40.0 * dt, *(0.5 * float(w.t[-1]) for w in windows))
-    plain_delay, plain_cost = _plain(windows, longest, dt)
-    count = sum(w.t.size for w in windows)
-    if plain_cost > 0.3 * sum(float(w.y @ w.y) for w in windows):
-        plain = None
-    else:
-        error = _curvature_error(windows, plain_delay, plain_cost, dt, count)
-        plain = Resonance(delay=plain_delay, delay_error=math.hypot(error, _WITHIN * dt))
-    at, height = _line(windows, plain_delay, dt)
-    if at == 0.0 or height < _THRESHOLDS.possible_line:
-        return plain
-    mode = _mode(windows, at, dt)
-    if mode is not None:
+    delay, cost = _plain(windows, longest, dt)
+    at, height = _line(windows, delay, dt)
+    mode = _mode(windows, at, dt) if height > _THRESHOLDS.possible_line else None
+    if mode is not None or cost > 0.3 * sum(float(w.y @ w.y) for w in windows):
         return mode
-    large = _THRESHOLDS.certain_size * section.noise
-    certain = height > _THRESHOLDS.certain_line and _size(windows, plain_delay) > large
-    if not certain or plain is None:
-        return plain
-    return Resonance(delay=plain.delay, delay_error=plain.delay_error, unexplained_hz=at)
+    rms = math.sqrt(cost / sum(w.t.size for w in windows))
+    certain = height > _THRESHOLDS.certain_line and rms > _THRESHOLDS.certain_size * section.noise
+    return Resonance(
+        delay=delay,
+        delay_error=math.hypot(_scatter(windows, delay, dt), _THRESHOLDS.within * dt),
+        unexplained_hz=at if certain else 0.0,
+    )
 
 
 def _windows(section: RecordSection) -> list[_Window]:
@@ -241,24 +232,13 @@ def _plain(windows: list[_Window], longest: float, dt: float) -> tuple[float, fl
         method="bounded",
         options={"xatol": 1e-3 * dt},
     )
-    return (
-        (float(minimum.x), float(minimum.fun)) if minimum.fun < cost(best) else (best, cost(best))
-    )
+    return float(minimum.x), float(minimum.fun)
 
 
-def _curvature_error(
-    windows: list[_Window], delay: float, cost: float, dt: float, count: int
-) -> float:
-    """Standard error of a delay, by its scatter between jumps if there are several."""
+def _scatter(windows: list[_Window], delay: float, dt: float) -> float:
+    """Standard error of a delay by its scatter between jumps; a sample for one or two of them."""
     each = [_plain([w], delay + 4.0 * dt, dt)[0] for w in windows] if len(windows) > 2 else []
-    if each:
-        return float(np.std(each, ddof=1) / math.sqrt(len(each)))
-    h = 0.25 * dt
-    rate = 0.0
-    for w in windows:
-        ends = [_residual(w, w.ramps(max(delay + s, 0.0)))[0] for s in (h, -h)]
-        rate += float(np.sum(((ends[0] - ends[1]) / (2.0 * h)) ** 2))
-    return math.sqrt(cost / max(count - 8, 1) / max(rate, 1e-300))
+    return float(np.std(each, ddof=1) / math.sqrt(len(each))) if each else dt
 
 
 def _line(windows: list[_Window], delay: float, dt: float) -> tuple[float, float]:
@@ -278,18 +258,6 @@ def _line(windows: list[_Window], delay: float, dt: float) -> tuple[float, float
         return 0.0, 0.0
     best = int(np.argmax(np.where(inside, power, 0.0)))
     return float(f[best]), float(power[best] / max(np.median(power[inside]), 1e-300))
-
-
-def _size(windows: list[_Window], delay: float) -> float:
-    """Largest residual of a plain delay after a jump, in a typical window."""
-    return float(
-        np.median(
-            [
-                np.sort(np.abs(_residual(w, w.ramps(delay))[0][w.t > delay]))[-8:].mean()
-                for w in windows
-            ]
-        )
-    )
 
 
 def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
@@ -338,7 +306,10 @@ def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
     error = np.sqrt(np.maximum(np.diag(spread), 0.0)) * scale
     if error[0] > _THRESHOLDS.largest_error * f:
         return None
-    share = _share(short, f, damping, delay)
+    columns = [np.hstack((w.ringing(f, damping, delay), w.ramps(delay))) for w in short]
+    parts = [_residual(w, c)[1] for w, c in zip(short, columns, strict=True)]
+    through, at_once = np.sum(parts, axis=0)
+    share = float(through / (through + at_once))
     width = max(float(w.corners[-1]) for w in short)
     if not share > 0.0:
         return None
@@ -348,19 +319,8 @@ def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
         frequency_hz=f,
         frequency_error_hz=float(error[0]),
         damping_ratio=damping,
-        share=share,
+        share=1.0 if share > 0.95 else share,
     )
-
-
-def _share(windows: list[_Window], f: float, damping: float, delay: float) -> float:
-    """Share of the jumps through a mode."""
-    parts = []
-    for w in windows:
-        coefficients = _residual(w, np.hstack((w.ringing(f, damping, delay), w.ramps(delay))))[1]
-        parts.append(coefficients)
-    through, at_once = np.sum(parts, axis=0)
-    share = float(through / (through + at_once))
-    return 1.0 if share > 0.95 else share
 
 
 def _until(window: _Window, end: float) -> _Window:

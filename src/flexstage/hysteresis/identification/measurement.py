@@ -1,5 +1,6 @@
 """A measured input and output, prepared for identification."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -24,24 +25,48 @@ from flexstage.hysteresis.identification.faults import (
     butterfly_text,
     denoised,
     input_noise_warning,
+    likely_shifts,
     record_faults,
+    shift_text,
     without_spikes,
 )
 from flexstage.hysteresis.requests import OSCILLATOR, Zero
 from flexstage.quantities.units import readable
 from flexstage.records import Channel, Record
-from flexstage.records.quality import difference_noise
+from flexstage.records.quality import difference_noise, quantisation_step
 
-#: A loop narrower than this share of the stroke does not show which column leads.
-_NARROW_LOOP = 0.004
-#: Smallest correlation of an output that follows its input.
-_UNRELATED = 0.1
-#: Coherent share of an output that follows its input, the segments of the spectra, and the
-#: smallest power of an excited line. With fewer segments a random walk is coherent with a loop by
-#: chance; with more the resonance of a stage is not resolved.
-_COHERENT, _SEGMENTS, _EXCITED = 0.5, 4, 1e-3
-#: Ranges of a column whose squares and products are finite.
-_SMALLEST, _LARGEST = 1e-60, 1e60
+
+@dataclass(frozen=True, slots=True)
+class _Thresholds:
+    """Limits of suitable columns."""
+
+    narrow_loop: float = 0.004
+    """A loop narrower than this share of its box does not show which column leads."""
+    loop: float = 0.05
+    """Smallest swing of a loop that does, as a share of the range."""
+    unrelated: float = 0.1
+    """Smallest correlation of an output that follows its input."""
+    coherent: float = 0.5
+    """Smallest coherent share of the power of an output that follows its input."""
+    segments: int = 4
+    """Segments of its spectra: with fewer a random walk is coherent with a loop by chance; with
+    more the resonance of a stage is not resolved.
+    """
+    excited: float = 1e-3
+    """Smallest power of an excited line, over the largest."""
+    finite: tuple[float, float] = (1e-60, 1e60)
+    """Ranges of a column whose squares and products are finite."""
+    gain: tuple[float, float] = (1e-10, 1e-4)
+    """Motion of drives [m/V]: films and shear plates of quartz move by less than 1 nm/V, amplified
+    stages behind a control voltage of some volts by up to 100 um/V.
+    """
+    voltage: float = 2e4
+    """Largest range of the voltage of a drive [V]."""
+    step: float = 0.003
+    """A step of the converter above this share of the stroke exceeds the error of a good model."""
+
+
+_THRESHOLDS = _Thresholds()
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,10 +263,11 @@ def _require_column(record: Record, channel: Channel, least: int, *, gaps: bool)
     size = float(np.ptp(values))
     if not size > 1e-13 * float(np.max(np.abs(values))):
         raise RecordError(f"{where} is constant at {values[0]:g}: select a column that changes")
-    if not _SMALLEST < size < _LARGEST:
+    low, high = _THRESHOLDS.finite
+    if not low < size < high:
         raise RecordError(
-            f"{where} has a range of {size:.3g}, which must be {_SMALLEST:g} to {_LARGEST:g}: give "
-            "it another unit"
+            f"{where} has a range of {size:.3g}, which must be {low:g} to {high:g}: give it "
+            "another unit"
         )
 
 
@@ -251,22 +277,29 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
     for r, i, o in pairs:
         measured = np.isfinite(o.values)
         share = float(np.corrcoef(i.values[measured], o.values[measured])[0, 1])
-        if abs(share) < _UNRELATED:
+        if abs(share) < _THRESHOLDS.unrelated:
             moves = cycles(i.values, 1.0 / r.sample_rate_hz)
             turn = butterfly(i.values, o.values, moves) if moves.bounds.size > 1 else None
             if turn is not None:
                 raise RecordError(butterfly_text(turn, i.unit))
             name = f"column '{o.name}' of {r.source or 'the record'}"
             coherence, frequency = _coherence(i.values, o.values, r.sample_rate_hz)
-            if coherence > _COHERENT:
+            shifts = likely_shifts(i.values, o.values, 0) if measured.all() else ()
+            shift = shifts[0] / r.sample_rate_hz if shifts else 0.0
+            # a resonance shifts by less than a period
+            if coherence > _THRESHOLDS.coherent and abs(shift) * frequency < 1.0:
                 raise RecordError(
                     f"{name} follows '{i.name}' (coherence {coherence:.2f}), but resonates or lags "
                     f"within its band, with the largest gain at {frequency:.3g} Hz: move slower "
                     f"than a tenth of that, or identify a resonant stage with --model {OSCILLATOR}"
                 )
+            together = (
+                "select columns that belong together; a stage that resonates needs --model "
+                f"{OSCILLATOR}"
+            )
             raise RecordError(
-                f"{name} does not follow '{i.name}' (coherence {coherence:.2f}): select columns "
-                f"that belong together; a stage that resonates needs --model {OSCILLATOR}"
+                f"{name} does not follow '{i.name}' (correlation {share:.3f}, coherence "
+                f"{coherence:.2f}): {shift_text(shift) if shift else together}"
             )
         signs.append(float(np.sign(share)))
     if len(set(signs)) > 1:
@@ -281,11 +314,11 @@ def _coherence(u: Array, y: Array, rate: float) -> tuple[float, float]:
     """
     from scipy.signal import csd, welch
 
-    length = max(u.size // _SEGMENTS, 16)
+    length = max(u.size // _THRESHOLDS.segments, 16)
     y = np.where(np.isfinite(y), y, np.nanmean(y))
     frequency, cross = csd(u, y, rate, nperseg=length)
     power_in, power_out = (welch(signal, rate, nperseg=length)[1] for signal in (u, y))
-    excited = power_in > _EXCITED * power_in.max()
+    excited = power_in > _THRESHOLDS.excited * power_in.max()
     gain = np.abs(cross[excited]) / power_in[excited]
     share = np.sum(np.abs(cross[excited]) ** 2 / power_in[excited]) / np.sum(power_out)
     return float(share), float(frequency[excited][np.argmax(gain)])
@@ -315,8 +348,8 @@ def _section(
             "next: identification needs at least one, better five, over the range of use; if it is "
             "one whole period of a steady motion, add --periodic"
         )
-    # third differences contain the noise, and hardly any smooth motion
-    noise = difference_noise(y, 3)
+    # third differences contain the noise, and hardly any smooth motion; mostly none of a converter
+    noise = max(difference_noise(y, 3), quantisation_step(y[measured]) / math.sqrt(12.0))
     section = RecordSection(
         u=np.ascontiguousarray(u),
         y=np.ascontiguousarray(y),
@@ -453,10 +486,11 @@ def _require_order(sections: Sequence[RecordSection], input_name: str, output_na
     complete = [s for s in sections if s.measured is None]
     if not complete:
         return
-    widths = np.concatenate([_loop_areas(s) for s in complete])
-    mean = float(widths.mean())
-    error = float(widths.std() / np.sqrt(widths.size))
-    if mean < -_NARROW_LOOP and mean < -3.0 * error:
+    areas, boxes = np.concatenate([_loop_areas(s) for s in complete]).T
+    total = max(float(boxes.sum()), 1e-300)
+    mean = float(areas.sum()) / total
+    error = float(np.linalg.norm(areas - mean * boxes)) / total
+    if mean < -max(_THRESHOLDS.narrow_loop, 3.0 * error):
         hold = max(held_samples(without_history(s).u) for s in sections)
         late = f", '{input_name}' is read too rarely (it is constant for {hold} samples at a time)"
         raise RecordError(
@@ -467,20 +501,18 @@ def _require_order(sections: Sequence[RecordSection], input_name: str, output_na
 
 
 def _loop_areas(section: RecordSection) -> Array:
-    """Signed area of each large loop over that of its box; positive if the output lags."""
+    """Signed area of each loop, positive if the output lags, and area of its box, shape (c, 2)."""
     c = section.cycles
-    areas = []
-    for i in range(c.swing.size):
-        if c.swing[i] < 0.5:
+    areas = [(0.0, 0.0)]
+    for first, stop, swing in zip(c.bounds[:-1], c.bounds[1:] + 1, c.swing, strict=True):
+        if swing < _THRESHOLDS.loop:
             continue
-        u = section.u[c.bounds[i] : c.bounds[i + 1] + 1]
-        y = section.y[c.bounds[i] : c.bounds[i + 1] + 1]
-        # closed by a straight line, as drift leaves a gap
-        area = -float(
-            np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(u)) + 0.5 * (y[-1] + y[0]) * (u[0] - u[-1])
-        )
-        areas.append(area / (np.ptp(u) * max(np.ptp(y), 1e-300)))
-    return np.array(areas) if areas else np.zeros(1)
+        u, y = section.u[first:stop], section.y[first:stop]
+        # closed by a straight line, as drift, and a random walk, leave a gap
+        gap = 0.5 * (y[-1] + y[0]) * (u[0] - u[-1])
+        area = -float(np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(u)) + gap)
+        areas.append((area, float(np.ptp(u) * np.ptp(y))))
+    return np.array(areas)
 
 
 def _warnings(m: IdentificationData) -> tuple[str, ...]:
@@ -518,11 +550,36 @@ def _warnings(m: IdentificationData) -> tuple[str, ...]:
     noise = max(s.input_noise for s in m.sections) / (m.input_range[1] - m.input_range[0])
     if noise > 0.0:
         warnings.append(input_noise_warning(noise))
+    warnings += [
+        f"the output is read in steps of {readable(m.output_unit, step)}, "
+        f"{100.0 * step / m.stroke:.2g} % of the stroke, and no model is better than that: use a "
+        "finer range of its converter"
+        for s in m.sections
+        if s.measured is None
+        and (step := quantisation_step(without_history(s).y)) > _THRESHOLDS.step * m.stroke
+    ]
+    warnings += _implausible_units(m)
     if m.sign < 0:
         warnings.append(
             "the output falls where the input rises: the sign of the output was reversed"
         )
     return tuple(warnings)
+
+
+def _implausible_units(m: IdentificationData) -> tuple[str, ...]:
+    """Warn of a motion per volt, or of a voltage, that no drive has."""
+    if (m.input_unit, m.output_unit) != ("V", "m"):
+        return ()
+    volts = m.input_range[1] - m.input_range[0]
+    gain, (low, high) = m.stroke / volts, _THRESHOLDS.gain
+    if low <= gain <= high and volts <= _THRESHOLDS.voltage:
+        return ()
+    return (
+        f"the output moves by {readable('m', m.stroke)} over {readable('V', volts)}, but piezo "
+        f"drives move by {1e9 * low:g} nm to {1e6 * high:g} um per volt, of at most "
+        f"{1e-3 * _THRESHOLDS.voltage:g} kV: check the units of both columns, such as mm for um or "
+        "mV for V",
+    )
 
 
 def _levels(u: Array) -> int:
