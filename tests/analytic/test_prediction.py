@@ -70,7 +70,7 @@ def test_a_drift_of_the_record_is_not_in_the_error():
     u = drive()
     y = MODEL.simulate(u, DT, start=math.inf) + np.linspace(4e-6, 6e-6, u.size)
     errors = [
-        predict(replace(MODEL, zero=zero), record(u, y), "u", "y", start=math.inf)
+        predict(replace(MODEL, zero=zero), record(u, y), "u", "y", after=math.inf)
         for zero in ("each", "drift")
     ]
     assert errors[0].as_predicted_rms_percent > 1.0
