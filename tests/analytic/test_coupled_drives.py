@@ -62,6 +62,21 @@ def test_a_subspace_system_is_the_one_whose_response_is_given() -> None:
     assert np.abs(np.sum(modes.input_shapes * SHAPES, axis=1)) == pytest.approx(1.0, abs=1e-4)
 
 
+def test_a_mode_that_many_states_split_is_one_and_two_of_other_directions_are_two() -> None:
+    system = linear_system()
+    for direction, count in ((SHAPES[1], 3), (SHAPES[0], 4)):
+        weak = 0.05j * np.linalg.norm(system.input_shapes[1]) * direction
+        more = replace(
+            system,
+            poles=np.append(system.poles, system.poles[1] * np.exp(0.004j)),
+            input_shapes=np.vstack((system.input_shapes, weak)),
+            output_shapes=np.column_stack((system.output_shapes, system.output_shapes[:, 1])),
+        )
+        modes = modes_of(more, RATE, 0.5 * RATE)
+        assert modes.frequency_hz.size == count
+        assert modes.frequency_hz[1] == pytest.approx(FREQUENCY[1], rel=1e-6)
+
+
 def test_a_growing_mode_is_mirrored_into_a_decaying_one() -> None:
     system = linear_system()
     growing = replace(system, poles=system.poles / np.abs(system.poles) * 1.01)

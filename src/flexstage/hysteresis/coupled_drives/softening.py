@@ -43,6 +43,8 @@ class _Scale:
     shape: float = 0.1
     penalty: float = 1e-4
     """Weight of the square of such a step, in units of the weighted mean square residual."""
+    exponents: tuple[float, float] = (0.05, 2.0)
+    """Exponents of the level that the search tries; measured ones are 0.3 to 0.8."""
     smallest_gain: float = 1e-4
     """The search ends where a step lowers the residual by less than this part."""
 
@@ -271,6 +273,7 @@ class SofteningFit:
         penalty = np.where(np.arange(vector.size) < free, 0.0, _SCALE.penalty)
         point = self._point(start.moved(vector), None)
         cost, damping, k = point.cost, 1e-3, start.compliance.size
+        power = k + start.force_gains.size + start.strength.size
         for number in range(iterations):
             update("softening of the drives", number / iterations)
             jacobian = self._jacobian(start, point, modes).view(np.float32)
@@ -284,6 +287,7 @@ class SofteningFit:
                 trial = vector.copy()
                 trial[moving] -= np.linalg.solve(damped[np.ix_(moving, moving)], slope[moving])
                 trial[:k] = np.maximum(trial[:k], 0.0)
+                trial[power] = np.clip(trial[power], *_SCALE.exponents)
                 candidate = self._point(start.moved(trial), point.state.sigma)
                 gain = cost - candidate.cost - float(penalty @ trial**2)
                 if gain > 0.0:

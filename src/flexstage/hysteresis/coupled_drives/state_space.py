@@ -62,6 +62,8 @@ class IdentifiedModes:
 HANKEL_BLOCKS = 70
 #: Poles of a higher damping ratio are no modes of a flexure stage.
 _LARGEST_DAMPING = 0.05
+#: Unit input vectors of a larger cosine belong to parts of one mode.
+_PARALLEL = 0.7
 
 
 def modes_of(system: ModalSystem, sample_rate_hz: float, highest_hz: float) -> IdentifiedModes:
@@ -76,12 +78,19 @@ def modes_of(system: ModalSystem, sample_rate_hz: float, highest_hz: float) -> I
     # the phase that makes a vector as real as it can be
     shapes = shapes * np.exp(-0.5j * np.angle(np.sum(shapes**2, axis=1)))[:, None]
     real = np.linalg.norm(shapes.real, axis=1)
-    return IdentifiedModes(
+    modes = IdentifiedModes(
         frequency_hz=frequency[order],
         damping_ratio=damping[order],
         input_shapes=shapes.real / real[:, None],
         imaginary_share=np.linalg.norm(shapes.imag, axis=1) / real,
     )
+    # more states than the system has split a mode: weaker parts lie within its half width
+    distance = np.abs(modes.frequency_hz[:, None] - modes.frequency_hz)
+    near = distance < modes.damping_ratio * modes.frequency_hz
+    parallel = np.abs(modes.input_shapes @ modes.input_shapes.T) > _PARALLEL
+    strength = real * np.linalg.norm(system.output_shapes[:, order], axis=0)
+    weaker = strength[:, None] < strength
+    return modes.of(np.flatnonzero(~np.any(near & parallel & weaker, axis=1)))
 
 
 def subspace_system(
