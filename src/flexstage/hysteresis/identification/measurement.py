@@ -328,7 +328,7 @@ class RecordEnds:
         return cls(
             samples=u.size - int(abs(u[-1] - u[0]) <= 0.5 * min(steps)),
             major_cycles=0.5 * np.count_nonzero(major // u.size == 1),
-            cycles=np.count_nonzero(cycles(repeated, 1.0).bounds // u.size == 1),
+            cycles=int(np.count_nonzero(cycles(repeated, 1.0).bounds // u.size == 1)),
             gaps=(_gap(u, input_noise(u)), _gap(y, difference_noise(y, 3))),
         )
 
