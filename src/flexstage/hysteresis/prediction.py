@@ -269,9 +269,8 @@ def predict(
     if not np.isfinite(y[begin:]).any():
         begin = 0  # a table has no measured samples before its branches
     if model.zero != "one":
-        at = begin + np.flatnonzero(np.isfinite(y[begin:]))
-        level = Polynomial.fit(at, (y - predicted)[at], int(model.zero == "drift"))
-        predicted = predicted + level(np.arange(y.size))
+        counted_rows = np.where(np.arange(y.size) < begin, np.nan, y - predicted)
+        predicted = predicted + _baseline(counted_rows, drift=model.zero == "drift")
     stroke = float(np.nanmax(y[begin:]) - np.nanmin(y[begin:]))
     if stroke == 0.0:
         raise RecordError(
@@ -414,23 +413,31 @@ def _possible_starts(
     def response(memory: str, start: Start) -> tuple[Array, DriveState]:
         return model.response(u, dt, _before(model, memory, start, first))
 
-    def error(memory: str, start: Start) -> Array:
-        return (y - response(memory, start)[0])[rows]
+    def error(memory: str, start: Start, *, free: bool) -> float:
+        left = (y - response(memory, start)[0])[rows]
+        if model.zero == "drift":
+            left = left - _baseline(left, drift=True)
+        elif free:
+            left = left - np.nanmedian(left)
+        return float(np.nanmedian(np.abs(left)))
 
     def scatter(memory: str) -> float:
         # without the level, which depends on creep as well
-        errors = (error(memory, s) for s in dict.fromkeys((starts[0], *starts[-2:])))
-        return min(float(np.nanmedian(np.abs(e - np.nanmedian(e)))) for e in errors)
+        return min(error(memory, s, free=True) for s in {starts[0], *starts[-2:]})
 
-    memory = (
-        min(memories(model.validity.input_range, first), key=scatter) if model.validity else memory
-    )
-    free = model.zero != "one"
-    differences = [error(memory, s) for s in starts]
-    errors = [float(np.nanmedian(np.abs(d - free * np.nanmedian(d)))) for d in differences]
+    if model.validity is not None:
+        memory = min(memories(model.validity.input_range, first), key=scatter)
+    errors = [error(memory, s, free=model.zero != "one") for s in starts]
     best = int(np.argmin(errors))
     others = (i for i, e in enumerate(errors) if i != best and e <= _EQUAL * errors[best])
     return memory, tuple(starts[i] for i in (best, *others)), *response(memory, starts[best])
+
+
+def _baseline(values: Array, *, drift: bool) -> Array:
+    """Constant, and drift on request, of the finite values."""
+    at = np.flatnonzero(np.isfinite(values))
+    line: Array = Polynomial.fit(at, values[at], int(drift))(np.arange(values.size))
+    return line
 
 
 def _before(model: DriveModel, memory: str, start: Start, first: float) -> DriveState:

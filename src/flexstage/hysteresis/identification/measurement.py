@@ -130,7 +130,7 @@ class IdentificationData:
     @property
     def shows_one_period(self) -> bool:
         """True if every record is one period of a steady motion."""
-        return all(s.periodic for s in self.sections)
+        return bool(self.sections) and all(s.periodic for s in self.sections)
 
     @property
     def rates_hz(self) -> tuple[float, ...]:

@@ -147,7 +147,7 @@ def misrecorded(data: FitData) -> list[RecordFault]:
     cycle = 1.0 / max(data.rates_hz, default=math.inf)
     faults = []
     for k, (s, r, model) in enumerate(zip(short.sections, short.rows, columns, strict=True)):
-        if s.measured is not None or r.at.size < 4 * model.shape[1]:
+        if s.measured is not None or s.periodic or r.at.size < 4 * model.shape[1]:
             continue
         c = np.column_stack((model, s.nuisance[r.at]))
         few = slice(None, None, max(1, r.at.size // _THRESHOLDS.rows))
