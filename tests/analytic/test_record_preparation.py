@@ -115,7 +115,8 @@ def test_the_offset_that_is_kept_is_the_mean_of_those_of_the_records():
     assert left.offset == pytest.approx(-1.5e-6, rel=1e-6)
     assert left.of_prediction[0] == pytest.approx(-2.5e-6, rel=1e-6)
     assert left.of_prediction[1] == pytest.approx(2.5e-6, rel=1e-6)
-    assert [n[0] for n in left.nuisance] == pytest.approx([-4e-6, 1e-6], rel=1e-6)
+    left = residuals(STACK, replace(with_offsets(-4e-6, 1e-6), zero="each"))
+    assert [n[0] for n in left.baseline] == pytest.approx([-4e-6, 1e-6], rel=1e-6)
 
 
 def test_what_is_held_out_does_not_move_the_offset():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.base.errors import ModelError
+from flexstage.base.errors import ModelError, UnitError
 from flexstage.hysteresis import Dahl
 from flexstage.hysteresis.drive_model import (
     DriveModel,
@@ -71,5 +71,5 @@ def test_units_of_one_dimension_are_converted():
     ],
 )
 def test_units_that_do_not_belong_together(unit, model_unit, said):
-    with pytest.raises(ModelError, match=said):
+    with pytest.raises((ModelError, UnitError), match=said):
         in_unit_of_model([1.0], unit, model_unit, "reference")

@@ -82,15 +82,15 @@ def test_identify_names_the_resonance_and_the_model_for_it(
     assert repeated["error"] < 1e-6
     _, out, _ = run(capsys, "predict", str(model), files[1], "--figure", str(figure))
     assert "begin in a motion that repeats" in " ".join(out.split())
-    status, _, err = run(capsys, "predict", str(model), files[0], "--start", "rested")
+    status, _, err = run(capsys, "predict", str(model), files[0], "--after", "rest")
     assert (status, err.count("\n")) == (2, 1)
-    assert "--start is not known for an oscillator" in err
+    assert "--after is not known for an oscillator" in err
 
 
 @pytest.mark.parametrize(
     "words",
     [
-        (*OSCILLATOR, "--drift"),
+        (*OSCILLATOR, "--zero", "drift"),
         ("--model", "bouc-wen-oscillator,preisach"),
         (*OSCILLATOR, "--stage", "vgtu-piezo"),
     ],

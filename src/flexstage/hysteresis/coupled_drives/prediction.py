@@ -21,10 +21,12 @@ class PredictedModel(Protocol):
     """A model whose prediction can be drawn."""
 
     @property
-    def outputs(self) -> tuple[str, ...]: ...
+    def outputs(self) -> tuple[str, ...]:
+        """Names of its outputs."""
 
     @property
-    def output_unit(self) -> str: ...
+    def output_unit(self) -> str:
+        """Their unit."""
 
 
 #: Time constants of the level until the state before a record is forgotten.

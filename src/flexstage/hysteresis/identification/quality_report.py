@@ -224,8 +224,10 @@ def _gain_change(section: RecordSection, rows: Rows, columns: Array) -> tuple[fl
     gain = (right[inner, 1] - mixed * right[inner, 0]) / np.where(separable, bare, math.inf)
     both = np.where(separable, by_jump + gain**2 * bare, 0.0)
     i, total = int(np.argmax(both)), float(residual @ residual)
-    beyond_jump = (both[i] - by_jump.max()) / max(total - by_jump.max(), 1e-300)
-    certain = min(both[i] / max(total, 1e-300), beyond_jump) > _THRESHOLDS.removed
+    jump_alone = float(by_jump.max())
+    certain = both[i] > _THRESHOLDS.removed * total and (
+        both[i] - jump_alone > _THRESHOLDS.removed * (total - jump_alone)
+    )
     large = abs(gain[i]) > _THRESHOLDS.gain
     return (float(gain[i]), int(rows.at[inner][i])) if certain and large else (0.0, 0)
 

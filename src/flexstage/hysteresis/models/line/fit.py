@@ -19,6 +19,3 @@ class LineFit(LinearFit):
 
     def build(self, coefficients: Array, data: FitData) -> Line:
         return Line(gain=float(coefficients[0]))
-
-    def names(self) -> tuple[str, ...]:
-        return ("gain",)
