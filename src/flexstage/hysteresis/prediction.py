@@ -403,7 +403,7 @@ def _possible_starts(
     """
     if isinstance(after, DriveState):
         return USUAL_MEMORY, (), *model.response(u, dt, after)
-    starts = _STARTS if model.creep is not None else _STARTS[:1]
+    starts: tuple[Start, ...] = _STARTS if model.creep is not None else _STARTS[:1]
     if after != "auto":
         starts = (after if isinstance(after, (float, int)) else "rested",)
     first, memory = float(u[0]), USUAL_MEMORY
@@ -423,7 +423,7 @@ def _possible_starts(
 
     def scatter(memory: str) -> float:
         # without the level, which depends on creep as well
-        return min(error(memory, s, free=True) for s in {starts[0], *starts[-2:]})
+        return min(error(memory, s, free=True) for s in (starts[0], *starts[-2:]))
 
     if model.validity is not None:
         memory = min(memories(model.validity.input_range, first), key=scatter)

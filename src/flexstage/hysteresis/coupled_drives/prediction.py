@@ -23,10 +23,12 @@ class PredictedModel(Protocol):
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of its outputs."""
+        ...
 
     @property
     def output_unit(self) -> str:
         """Their unit."""
+        ...
 
 
 #: Time constants of the level until the state before a record is forgotten.
