@@ -18,6 +18,8 @@ dev_run := PATH="$(CURDIR)/$(dev):$$PATH" PYRIGHT_PYTHON_GLOBAL_NODE=0 \
 .DEFAULT_GOAL := help
 # Tests that measure time, by their marker.
 alone = $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)
+# Servers, browsers and stages in their own time are waited for: one process more than cores.
+processes = $(shell $(PYTHON) -c 'import os; print(os.cpu_count() + 1)')
 parallel := --dist worksteal --durations=20
 
 .PHONY: study test quick slow evidence bench docs lint style types format lock clean help python env env-dev
@@ -35,12 +37,11 @@ test: style ## lint, with every test but the slow ones beside it
 	@$(MAKE) --no-print-directory -j2 types quick
 
 quick: env-dev
-	$(dev_run) pytest -n auto $(parallel) $(PYTEST_ARGS)
+	$(dev_run) pytest -n $(processes) $(parallel) $(PYTEST_ARGS)
 
-# Browsers, servers and stages in their own time are waited for: one process more than cores.
 slow: env-dev ## the slow evidence: peers, long runs, the built package
 	$(dev_run) pytest tests -m "slow and not alone" \
-		-n $$($(PYTHON) -c 'import os; print(os.cpu_count() + 1)') $(parallel) $(PYTEST_ARGS)
+		-n $(processes) $(parallel) $(PYTEST_ARGS)
 	$(dev_run) pytest $(alone) -m "slow and alone"
 
 evidence: env-dev ## the slow evidence at full size, before a release
