@@ -257,6 +257,8 @@ def _before(model: DriveModel, after: DriveState | float | str) -> DriveState:
     if isinstance(after, DriveState):
         return after
     require_after(after, "conditioned", "rest")
+    if earlier_files(after):
+        raise ModelError(f"the record '{after}' was not read: give the state that it leaves")
     if after == "rest":
         return DriveState(hysteresis=model.hysteresis.initial_state())
     creep = model.start if isinstance(after, str) else after

@@ -91,7 +91,7 @@ class Prediction:
     """Number of first samples that depend on motion before the record; they are not counted."""
     starts: tuple[Start, ...]
     """Possible starts of the record, by the samples that are not counted: first the one in use.
-    Only one if it was given, and none after another record.
+    Only one if it was given, and none after another record or in one period.
     """
     state: DriveState
     """State of the drive at the last sample, for what follows."""

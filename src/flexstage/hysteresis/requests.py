@@ -250,7 +250,8 @@ class CompensateRequest(Request):
 def require_after(after: float | str, *words: str) -> None:
     """Refuse an invalid state before the first sample; a file has an ending."""
     if isinstance(after, str):
-        valid = after in words or all(file.suffix for file in earlier_files(after))
+        files = earlier_files(after)
+        valid = after in words or (bool(files) and all(file.suffix for file in files))
     else:
         valid = isinstance(after, (int, float)) and after is not True and after >= 0.0
     if valid:

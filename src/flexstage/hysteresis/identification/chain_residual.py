@@ -131,8 +131,7 @@ class ChainResidual:
             rows, shift = list(self._data.rows), section.history - before.history
             rows[i] = replace(rows[i], at=rows[i].at + shift)
             self._data = replace(self._data, rows=tuple(rows))
-            alone = replace(self._data, sections=(section,))
-            every = PreisachFit(*_DICTIONARY).columns(section, alone)
+            every = PreisachFit(*_DICTIONARY).columns(section, self._data)
             columns = np.concatenate(list(every), axis=1)[:, self._moving]
             self._columns[i] = self._quasi[i] = np.asfortranarray(columns)
             if self._known_modes is not None:

@@ -228,7 +228,7 @@ def find_starts(
     count = len(data.sections)
     best: tuple[Start, ...] = tuple(s.start for s in data.sections)
     no_creep = not estimate.searched and estimate.values.creep_per_decade == 0.0
-    if no_creep or data.shows_one_period:
+    if no_creep or data.periodic:
         return best, 0.0
 
     def of_each(start: Start) -> tuple[Start, ...]:
@@ -352,7 +352,7 @@ def _with_usual_creep(search: ChainResidual, best: ChainValues, longest: float) 
 
 def _shows_creep(data: IdentificationData) -> bool:
     """Return false for periods of one rate: steady creep is an ellipse there, as hysteresis is."""
-    return len(data.rates_hz) > 1 or not data.shows_one_period
+    return len(data.rates_hz) > 1 or not data.periodic
 
 
 def other_chains(data: FitData, estimate: ChainEstimate, kind: str) -> tuple[ChainEstimate, ...]:
@@ -371,8 +371,17 @@ def other_chains(data: FitData, estimate: ChainEstimate, kind: str) -> tuple[Cha
         chains = none, _delay(partial(rms_of_line, data), none, _longest_delay(data))
     errors = {n: e for n, e in estimate.errors.items() if n != "creep_per_decade"}
     searched = tuple(n for n in estimate.searched if n in errors)
+    at_limits = _at_limits(estimate.values, _longest_delay(data))
+    kept = tuple(note for note in estimate.notes if note not in at_limits)
     return tuple(
-        replace(estimate, values=chain, searched=searched, errors=errors) for chain in chains
+        replace(
+            estimate,
+            values=chain,
+            searched=searched,
+            errors=errors,
+            notes=(*kept, *_at_limits(chain, _longest_delay(data))),
+        )
+        for chain in chains
     )
 
 

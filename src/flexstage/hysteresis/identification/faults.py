@@ -79,7 +79,9 @@ class RecordFault:
     """Fault of a record."""
 
     kind: str
-    """``spikes``, ``clipping``, ``saturation``, ``butterfly``, ``jump``, ``gain`` or ``drift``."""
+    """``spikes``, ``clipping``, ``saturation``, ``butterfly``, ``jump``, ``gain``,
+    ``shift`` or ``drift``.
+    """
     record: int
     """Number of the record, from 0."""
     at: tuple[float, ...]

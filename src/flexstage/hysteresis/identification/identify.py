@@ -45,6 +45,7 @@ from flexstage.hysteresis.identification.model_fit import (
     behind_chain,
     fit_data,
     fits,
+    fitted_levels,
     selected_models,
 )
 from flexstage.hysteresis.identification.quality_report import (
@@ -122,6 +123,8 @@ def identify(
     known, resonance = request.known, request.known.mode
     if chain is None and known.has_lag:
         chain = ChainValues(delay=known.delay or 0.0, creep_per_decade=known.creep or 0.0)
+        if resonance is not None:
+            chain = replace(chain, resonance_hz=resonance[0], damping_ratio=resonance[1])
     names = selected_models(request.model)
     sources = [records] if isinstance(records, Record) else list(records)
     train = train_range(request.train, sources)
@@ -146,15 +149,18 @@ def identify(
     failed: list[Candidate] = []
     for i, name in enumerate(names):
         progress.update(MODELS[name].title, 0.2 + 0.8 * i / len(names))
-        try:
-            for other in (*other_chains(fitted_rows, estimate, name), estimate):
-                same = other is estimate
-                behind = fitted_rows if same else replace(fitted_rows, chain=other.values, memo={})
+        reason = ""
+        for other in (*other_chains(fitted_rows, estimate, name), estimate):
+            same = other is estimate
+            behind = fitted_rows if same else replace(fitted_rows, chain=other.values, memo={})
+            try:
                 trial = fit_model(fits()[name], behind, validate=train is None or still)
-                if name not in model_fits or trial.score(behind) < model_fits[name].score(behind):
-                    model_fits[name], chains[name] = trial, (behind, other)
-        except ModelError as error:
-            reason = f"it cannot be fitted to this record: {error}"
+            except ModelError as error:
+                reason = f"it cannot be fitted to this record: {error}"
+                continue
+            if name not in model_fits or trial.score(behind) < model_fits[name].score(behind):
+                model_fits[name], chains[name] = trial, (behind, other)
+        if name not in model_fits:
             failed.append(Candidate(kind=name, size=fits()[name].size, failed=reason))
     if not model_fits:
         raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
@@ -178,8 +184,11 @@ def _chain_and_start(
     """Find the chain, and memory and start of each record, by their common residual."""
     estimate = find_chain(data, chain, train=train, resonance=resonance)
     if any(s.both_ends > s.warm_up for s in data.sections):
-        data = find_memories(data, estimate, train=train)
-        estimate = find_chain(data, chain, train=train, resonance=resonance)
+        with_memories = find_memories(data, estimate, train=train)
+        pairs = zip(with_memories.sections, data.sections, strict=True)
+        if any(after.memory != before.memory for after, before in pairs):
+            data = with_memories
+            estimate = find_chain(data, chain, train=train, resonance=resonance)
     starts, width = find_starts(data, estimate, train=train)
     if all(start == s.start for start, s in zip(starts, data.sections, strict=True)):
         return data, _wider(estimate, width)
@@ -305,14 +314,15 @@ def _before(best: FittedModel, data: FitData) -> tuple[float, float, tuple[Start
     quasi = [best.fit.model.simulate(s.u).values[:, None] for s in sections]
     outputs: dict[Start, list[Array]] = {}
     for start in dict.fromkeys((assumed, "rested", 0.0, math.inf)):
-        shifted = tuple(replace(s, start=start) for s in sections)
+        shifted = tuple(s if s.periodic else replace(s, start=start) for s in sections)
         with_start = replace(data, sections=shifted)
         outputs[start] = [c[:, 0] for c in behind_chain(quasi, with_start)]
-    use = data.use[0]
-    y = sections[0].y[data.rows[0].at]
+    use, rows = data.use[0], data.rows
     rms: dict[Start, float] = {}
-    for start, (first, *_) in outputs.items():
-        rms[start] = float(np.std((y - first)[use] if use.any() else y - first))
+    for start, output in outputs.items():
+        errors = [s.y[r.at] - c for c, s, r in zip(output, sections, rows, strict=True)]
+        left = errors[0] - fitted_levels(errors, data)[0][rows[0].at]
+        rms[start] = float(np.std(left[use] if use.any() else left))
     possible: list[Start] = [s for s, value in rms.items() if value <= _EQUAL * rms[assumed]]
     every = [np.concatenate(outputs[s]) for s in ("rested", 0.0, math.inf)]
     settling = float(np.max(np.ptp(every, axis=0)))

@@ -128,8 +128,8 @@ class IdentificationData:
         )
 
     @property
-    def shows_one_period(self) -> bool:
-        """True if every record is one period of a steady motion."""
+    def periodic(self) -> bool:
+        """True if each record is one period of a steady motion."""
         return bool(self.sections) and all(s.periodic for s in self.sections)
 
     @property
@@ -523,7 +523,7 @@ def _warnings(m: IdentificationData) -> tuple[str, ...]:
             "loops of decreasing or increasing amplitude as well"
         )
     over_time = [s for s in m.sections if not s.periodic]
-    if len(over_time) < len(m.sections):
+    if m.periodic and len(m.sections) == 1:
         warnings.append(
             "one period, taken as repeated: held-out errors are those of parts of this period and "
             "do not show how far another period, amplitude or rate differs; record five cycles"

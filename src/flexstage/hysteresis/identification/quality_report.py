@@ -102,10 +102,11 @@ def quality_report(data: FitData, error_percent: float, noise_percent: float) ->
     percent = 100.0 / data.stroke
     faults = list(data.findings)
     misplaced = misrecorded(data)
-    if any(f.kind == "shift" for f in misplaced):  # of which other faults are consequences
-        faults = [f for f in faults if f.kind == "spikes"] + misplaced
-    # a shift within the only period is the difference of its ends
-    elif not data.shows_one_period and not any(f.kind == "butterfly" for f in faults):
+    shifted = {f.record for f in misplaced if f.kind == "shift"}
+    if shifted:  # of which other faults are consequences
+        faults = [f for f in faults if f.kind == "spikes" or f.record not in shifted] + misplaced
+    # a shift within a period is the difference of its ends
+    elif not data.periodic and not any(f.kind == "butterfly" for f in faults):
         # a change of the gain causes jumps and a drift, and is corrected first
         faults += misplaced or baseline_shifts(data)
     line = rms_of_line(data, ChainValues()) * percent

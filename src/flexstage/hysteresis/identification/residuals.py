@@ -142,7 +142,7 @@ def stretches_of(data: FitData) -> list[tuple[NDArray[np.bool_], ...]]:
     used = [k for k, use in enumerate(data.use) if use.any()]
     if len(used) < 2:
         # an end of the range that is held out of the only period shows nothing of another period
-        runs = 2 if data.shows_one_period else 1
+        runs = 2 if data.periodic else 1
         return folds_of(data, _RULES.stretches, runs=runs)
     groups = np.array_split(used, min(len(used), _RULES.records))
     return [tuple(use & (k in group) for k, use in enumerate(data.use)) for group in groups]
@@ -175,7 +175,7 @@ def held_out_errors(
 
     The free constants are those of other parts if these are given.
     """
-    percent = 100.0 / data.stroke
+    percent, is_only_period = 100.0 / data.stroke, data.periodic and len(data.sections) == 1
     stretches = [percent * np.concatenate(of_records) for of_records in errors]
     every = np.concatenate(stretches)
     each = np.array([root_mean_square(e) for e in stretches])
@@ -184,7 +184,7 @@ def held_out_errors(
     return HeldOut(
         rms_percent=rms,
         free_rms_percent=percent * root_mean_square(free),
-        interval_percent=None if data.shows_one_period else _interval(rms, each),
+        interval_percent=None if is_only_period else _interval(rms, each),
         stretches_percent=each,
         band_percent=max(float(np.quantile(np.abs(e), _RULES.within)) for e in stretches),
         max_percent=float(np.max(np.abs(every))),

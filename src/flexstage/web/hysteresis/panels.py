@@ -302,8 +302,11 @@ def _after_fields(
 ) -> None:
     """Show the states before a motion: words, a time, or the ends of records."""
     options = words | {file: f"the end of {Path(file).name}" for file in state.files_before()}
+    if isinstance(after, str) and after not in options:  # a record that was removed
+        after = next(iter(words))
+        assign(after)
     word, time = (after, _DEFAULT_MOVED_FOR) if isinstance(after, str) else ("moved", after)
-    field = ui.select(options, value=word if word in options else next(iter(words)), label="After")
+    field = ui.select(options, value=word, label="After")
     field.props("outlined dense options-dense stack-label").classes("whole")
     moved = ui.number("Moved for [s] (empty: infinite)", value=None if time == math.inf else time)
     moved.props(_NUMBER).bind_visibility_from(field, "value", value="moved")

@@ -222,7 +222,7 @@ def command(drive: DriveModel, motion: DesiredMotion) -> tuple[Feedforward, tupl
         reference, dt, notes = _repeated(motion)
         periods = motion.periods
     after = None
-    if motion.before.files:
+    if motion.before.files and periods != 0:  # an endless repetition has its own memory
         earlier, column, _ = read(motion.before)
         follows = Record(channels=(), time=np.arange(2.0) * dt)
         after, earlier_notes = after_commands(drive, earlier, follows, column)

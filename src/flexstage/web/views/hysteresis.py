@@ -200,7 +200,7 @@ _PURPOSES = (
     "Drop a record of a drive: its command, usually a voltage, and the measured position, over "
     "time. Accepted formats are text, CSV, MATLAB, HDF5, NumPy, LabVIEW and universal files, and "
     "TDMS with the extra labview. Without a record, load the example of a simulated piezo stack.",
-    "Identify hysteresis, creep, delay and resonance. Four models are fitted, or those that you "
+    "Identify hysteresis, creep, delay and resonance. Five models are fitted, or those that you "
     "choose of ten. The error on held-out cycles shows the accuracy of each.",
     "The inverse of the model computes the command for a sine, a triangle or a path from a file. "
     "The result is a file for the controller, with the predicted error.",
@@ -292,7 +292,7 @@ class HysteresisView:
         kinds = {kind: model.title for kind, model in MODELS.items()}
         selected = [kind for kind in options.model if kind != "auto"]
         ui.select(
-            kinds, label="Hysteresis models (default: four are compared)",
+            kinds, label="Hysteresis models (default: five are compared)",
             value=selected, multiple=True, clearable=True,
         ).props("outlined dense options-dense stack-label use-chips").classes("full-width"
         ).on_value_change(
@@ -308,6 +308,10 @@ class HysteresisView:
             ui.select(list(zero.words), label=zero.label, value=options.zero).props(
                 _ENTRY
             ).on_value_change(lambda event: self._set("zero", event.value))
+            periodic = request_fields(IdentifyRequest)["periodic"]
+            ui.checkbox(periodic.label, value=options.periodic).on_value_change(
+                lambda event: self._set("periodic", event.value)
+            )
 
     def _field(self, name: str, example: str) -> None:
         owner = self._state.options.known if name in _KNOWN_FIELDS else self._state.options
