@@ -5,7 +5,9 @@ import pytest
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis import Identification, LogCreep, identify, predict
+from flexstage.hysteresis.identification.chain_residual import ChainResidual
 from flexstage.hysteresis.identification.chain_search import find_chain, find_memories
+from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.records import Channel, Record
 from flexstage.virtual import virtual_stack
@@ -77,6 +79,18 @@ def test_each_record_has_its_own_memory() -> None:
     )
     sections = find_memories(data, find_chain(data)).sections
     assert tuple(s.memory for s in sections) == memories
+
+
+def test_a_memory_is_tried_by_the_columns_of_all_records() -> None:
+    """Records of other ranges have one grid of thresholds."""
+    half = 0.5 * GROWING
+    records = [record(u, readings(CYCLES, u)) for u in (GROWING, half)]
+    search = ChainResidual(measurement(records, "u", "y"), None)
+    usual = search.rms(ChainValues())
+    search.set_memory(1, NAMES[1])
+    assert search.rms(ChainValues()) != usual
+    search.set_memory(1, NAMES[0])
+    assert search.rms(ChainValues()) == pytest.approx(usual, rel=1e-9)
 
 
 @pytest.mark.parametrize("memory", [NAMES[0], NAMES[3]])
