@@ -187,5 +187,5 @@ def test_records_that_cannot_be_before_are_refused() -> None:
         predict(model, second, "u", "y", after="rested")
     with pytest.raises(ModelError, match="--after must be auto, rest, a time"):
         predict(model, second, "u", "y", after="conditioned")
-    with pytest.raises(ModelError, match="'a.csv' was not read"):
+    with pytest.raises(ModelError, match=r"a\.csv' was not read"):
         feedforward(model, y, DT, after="a.csv")
