@@ -57,6 +57,7 @@ def coupled_model(strength: float = 1.0) -> CoupledDriveModel:
         output_unit="um",
         level_range=((0.2, 0.6), (0.2, 0.6)),
         band_hz=(RATE / PERIOD, 229 * RATE / PERIOD),
+        largest_input=(2.5, 2.5),
     )
 
 

@@ -389,3 +389,10 @@ def test_a_saved_state_resumes_and_single_samples_are_those_of_a_sequence(tmp_pa
     for t in range(500, 600):
         reading, state = model.simulate(u[t : t + 1], state)
         assert np.array_equal(reading[0], at_once[t])
+
+
+def test_without_limits_commands_stay_within_the_largest_deviation_of_the_records() -> None:
+    model = replace(with_two_outputs(), largest_input=(0.3, 0.2))
+    result = coupled_commands(model, references())
+    assert np.max(np.abs(result.command)) == pytest.approx(0.2)
+    assert result.limited > 0

@@ -66,7 +66,7 @@ def test_units_of_one_dimension_are_converted():
     [
         ("", "um", "no unit and the model is in um: give it after the column, such as --column"),
         ("um", "", "is in um and the model was identified without a unit"),
-        ("V", "m", "is in V, the output of the model in m"),
+        ("V", "m", "is in V, that of the model in m"),
         ("furlong", "m", "furlong"),
     ],
 )

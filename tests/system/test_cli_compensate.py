@@ -191,7 +191,7 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
         (("--after", "rested"), "rested is called rest"),
         (("--after", "none.csv"), "none.csv"),
         (("--column", "3"), "no column 3"),
-        (("--column", "wanted V"), "the output of the model in m"),
+        (("--column", "wanted V"), "that of the model in m"),
         (("--column", "wanted furlong"), "furlong"),
         (("--sample-rate", "quick"), "expected a frequency"),
         (("--out", "c.txt"), "--out must end in one of"),

@@ -129,7 +129,10 @@ def test_a_record_may_begin_at_rest_under_a_load() -> None:
         output_unit="m", largest=2e-3, error=0.0,
     )  # fmt: skip
     values = {"u": force, "y": position.displacement[1000:] - 2e-3}
-    channels = tuple(Channel(name=n, values=v) for n, v in values.items())
+    channels = (
+        Channel(name="u", values=values["u"], unit="N"),
+        Channel(name="y", values=1e3 * values["y"], unit="mm"),
+    )
     prediction = model.predict(Record(channels=channels, time=np.arange(N) / RATE), "u", "y")
     assert "at rest under its first input" in prediction.notes[0]
     assert prediction.error < 0.03 * prediction.output_rms

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexstage.base.errors import RecordError
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.cli.options import (
     JsonOption,
     from_docstring,
@@ -63,9 +63,11 @@ def compensate(
         Draw command, hysteresis loop and residual error (.svg, .png or .pdf).
     """
     from flexstage.hysteresis.coupled_drives.model_file import is_coupled_model
+    from flexstage.hysteresis.oscillator.model_file import is_oscillator
     from flexstage.records.write import record_bytes
 
     kind = record_format(out)
+    refuse(is_oscillator(model), "an oscillator has no inverse: predict reads its file", ModelError)
     if is_coupled_model(model):
         result, record, lines = _coupled_drives(model, reference, column_, request, read_options)
     else:

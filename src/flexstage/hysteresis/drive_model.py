@@ -287,13 +287,13 @@ def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -
     >>> in_unit_of_model([0.02], "mm", "um", "reference")
     (array([20.]), 'the reference was converted from mm to um, the unit of the model')
     """
-    numbers = samples(values, what)
+    numbers, option = samples(values, what), "column" if what == "reference" else what
     if unit == model_unit:
         return numbers, ""
     if not unit:
         raise ModelError(
             f"the {what} has no unit and the model is in {model_unit}: give it after "
-            f'the column, such as --column "1 {model_unit}"'
+            f'the column, such as --{option} "1 {model_unit}"'
         )
     if not model_unit:
         raise ModelError(
@@ -303,8 +303,8 @@ def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -
     (unit_factor, si), (model_factor, model_si) = si_unit(unit), si_unit(model_unit)
     if si != model_si:
         raise ModelError(
-            f"the {what} is in {unit}, the output of the model in {model_unit}: give its unit "
-            "with --column, or select another column"
+            f"the {what} is in {unit}, that of the model in {model_unit}: give its unit with "
+            f"--{option}, or select another column"
         )
     converted = numbers * (unit_factor / model_factor)
     return converted, f"the {what} was converted from {unit} to {model_unit}, the unit of the model"

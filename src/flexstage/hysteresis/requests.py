@@ -221,7 +221,10 @@ class CompensateRequest(Request):
     the sensor.
     """
     voltage: _VOLTAGES | None = None
-    """Voltage range of the command, such as "0:120" (default: the range of the identification)."""
+    """Voltage range of the command, such as "0:120" (default: the range of the identification). Of
+    coupled drives: deviations from the operating point, such as "-20:20" (default: the smallest
+    largest deviation of an input in their records).
+    """
     amplifier: AmplifierLimits = AmplifierLimits()
     """Limits of the amplifier, such as "slew=2000 V/s,current=50 mA,capacitance=6.4 uF"."""
     reference_bandwidth: PositiveFrequency | None = None

@@ -198,7 +198,16 @@ def identify_coupled_drives(
         {records[0].channel(c).unit for c in inputs},
         {records[0].channel(c).unit for c in outputs},
     )
+    if max(map(len, units)) > 1:
+        raise RecordError(
+            "all inputs must have one unit, and all outputs: convert them, such as an angle to the "
+            f"motion at a radius; got {' and '.join(', '.join(sorted(u)) for u in units)}"
+        )
     rms = rms_levels(steady.inputs)
+    deviations = [
+        [float(np.max(np.abs(x - x.mean()))) for x in (r.channel(c).values for c in inputs)]
+        for r in records
+    ]
     model = CoupledDriveModel(
         drives=drives,
         system=system,
@@ -211,6 +220,7 @@ def identify_coupled_drives(
             (float(low), float(high)) for low, high in zip(rms.min(0), rms.max(0), strict=True)
         ),
         band_hz=(float(steady.frequency_hz[0]), highest),
+        largest_input=tuple(np.max(deviations, axis=0).tolist()),
     )
     residuals = _residuals(system, steady, total)
     levels = []
@@ -244,6 +254,7 @@ def identify_coupled_drives(
         notes=(
             f"{len(records)} records of {len(steady.lines)} lines to {highest:.4g} Hz, period "
             f"{steady.period} samples at {rate:g} Hz",
+            *dict.fromkeys(note for record in records for note in record.notes),
         ),
     )
 

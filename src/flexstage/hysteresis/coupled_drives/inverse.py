@@ -38,8 +38,8 @@ class _Inverse:
     longest: int = 1 << 18
     """Most samples of this decay, for memory."""
     weakest: float = 1e-3
-    """Directions of less than this part of the largest gain at a frequency are not driven: records
-    leave some per cent of the outputs and do not tell them.
+    """Directions of less than this part of the largest gain at a frequency are not driven: the
+    records do not determine them.
     """
     mirrored: float = 2.0
     """A motion before the references that needs this times smaller inputs is taken: less does not
@@ -215,7 +215,8 @@ def coupled_commands(
         )
     lead = int(np.ceil(_INVERSE.lead * rate / band))
     smooth, totals = _inverted(model, requested, lead, band)
-    low, high = (-np.inf, np.inf) if limits is None else limits
+    largest = min(model.largest_input)
+    low, high = (-largest, largest) if limits is None else limits
     if not low <= 0.0 <= high:
         raise ModelError(
             f"limits of the commands count from the operating point and must contain 0, got "
@@ -290,6 +291,14 @@ def _notes(result: CoupledCommand, band: float) -> tuple[str, ...]:
         notes.append(
             f"the references were smoothed to a bandwidth of {band:.3g} Hz: they changed by at "
             f"most {readable(model.output_unit, result.smoothing)}"
+        )
+    lowest = model.band_hz[0]
+    content = np.abs(np.fft.rfft(result.requested, axis=0))
+    below = np.fft.rfftfreq(len(result.requested), 1.0 / model.sample_rate_hz) < lowest
+    if np.max(content[below], initial=0.0) > _INVERSE.rest * np.max(content):
+        notes.append(
+            f"the references have content below {lowest:.3g} Hz, the lowest frequency of the "
+            "records: the gain there is extrapolated"
         )
     if result.lead:
         notes.append(

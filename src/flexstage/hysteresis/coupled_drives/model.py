@@ -77,6 +77,8 @@ class CoupledDriveModel:
     """Smallest and largest rms of each input in the records."""
     band_hz: tuple[float, float]
     """Lowest and highest frequency of the records [Hz]."""
+    largest_input: tuple[float, ...]
+    """Largest deviation of each input from the operating point in the records."""
 
     __repr__ = short_repr
 
@@ -161,8 +163,11 @@ class CoupledDriveModel:
         Raises
         ------
         ModelError
-            The sequences have another shape, are not finite, or need a level that no record had.
+            The sequences have another shape, are not finite, or need a level that no record had; or
+            there is a largest rate after a state, which has no last voltage.
         """
+        if state is not None and np.isfinite(largest_rate):
+            raise ModelError("a largest rate needs all samples in one sequence: omit the state")
         target = columns(totals, len(self.inputs), "sequences")
         u = np.empty_like(target)
         bounds = (*limits, largest_rate / self.sample_rate_hz)

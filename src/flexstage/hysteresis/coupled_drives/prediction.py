@@ -13,8 +13,9 @@ from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.coupled_drives.model import LEVEL_TIME_CONSTANT, CoupledDriveModel
 from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
+from flexstage.hysteresis.drive_model import in_unit_of_model
 from flexstage.records.read import read_files
-from flexstage.records.record import Channel, Record
+from flexstage.records.record import SIMULATED, Channel, Record
 
 
 class PredictedModel(Protocol):
@@ -135,18 +136,18 @@ def played_record(path: Path, file: Path) -> Record:
     model = read_coupled_model(path)
     (record,) = read_files([file], model.inputs, even=True)
     require_columns(model, record, "inputs", model.inputs)
-    inputs = tuple(record.channel(name) for name in model.inputs)
-    readings, _ = model.simulate(np.column_stack([c.values for c in inputs]))
-    outputs = (
-        Channel(name=name, values=np.ascontiguousarray(values), unit=model.output_unit)
-        for name, values in zip(model.outputs, readings.T, strict=True)
-    )
+    voltages = _in_model_units(model, record, "input", model.inputs)
+    readings, _ = model.simulate(voltages)
+    names = (*model.inputs, *model.outputs)
+    units = [model.input_unit] * len(model.inputs) + [model.output_unit] * len(model.outputs)
     return Record(
-        channels=(*inputs, *outputs),
+        channels=tuple(
+            Channel(name=name, values=np.ascontiguousarray(values), unit=unit)
+            for name, values, unit in zip(names, (*voltages.T, *readings.T), units, strict=True)
+        ),
         time=record.time,
         source=f"simulated by {path.name}",
-        notes=("simulated: nothing in it was measured",),
-        attributes={"simulated": "yes"},
+        attributes={SIMULATED: f"model {path.name}"},
     )
 
 
@@ -156,9 +157,10 @@ def _predict(
     inputs: Sequence[str | int],
     outputs: Sequence[str | int],
 ) -> CoupledPrediction:
-    voltages = np.column_stack([record.channel(c).values for c in inputs])
-    measured = np.column_stack([record.channel(c).values for c in outputs])
-    predicted, _ = model.simulate(voltages)
+    voltages = _in_model_units(model, record, "input", inputs)
+    measured = _in_model_units(model, record, "output", outputs)
+    # the mean is the operating point
+    predicted, _ = model.simulate(voltages - voltages.mean(0))
     settling = round(_WARM_UP * LEVEL_TIME_CONSTANT * model.sample_rate_hz)
     counted = slice(min(settling, record.size // 3), None)
     measured, predicted = measured[counted], predicted[counted]
@@ -168,4 +170,14 @@ def _predict(
         measured=measured - measured.mean(0),
         predicted=predicted - predicted.mean(0),
         warm_up=int(counted.start),
+        notes=record.notes,
     )
+
+
+def _in_model_units(
+    model: CoupledDriveModel, record: Record, side: str, selected: Sequence[str | int]
+) -> Array:
+    """Return columns of a record in the unit of the inputs or the outputs of a model."""
+    unit = model.input_unit if side == "input" else model.output_unit
+    channels = [record.channel(column) for column in selected]
+    return np.column_stack([in_unit_of_model(c.values, c.unit, unit, side)[0] for c in channels])

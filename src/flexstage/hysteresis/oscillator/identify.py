@@ -90,8 +90,8 @@ def fit_oscillator(
 ) -> OscillatorFit:
     """Find the oscillator whose simulation comes nearest to a record.
 
-    Two searches. The first takes the equation of motion at its word: with the measured displacement
-    in it, the force is linear in m, c, k and alpha, so only beta gamma and beta delta are searched
+    Two searches. The first puts the measured displacement into the equation of motion: there the
+    force is linear in m, c, k and alpha, so only beta gamma and beta delta are searched
     for (variable projection; Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). It is robust, but
     noise in the displacement biases it. From there the second minimises the error of a simulation,
     of which the initial state is a part, by Gauss–Newton steps in a trust region (Branch, Coleman

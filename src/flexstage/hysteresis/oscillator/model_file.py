@@ -12,6 +12,7 @@ from flexstage.files.decoder import read_file
 from flexstage.files.format import Format
 from flexstage.hysteresis.coupled_drives.model_file import begins_as, description_text
 from flexstage.hysteresis.coupled_drives.prediction import CoupledPrediction, CoupledPredictions
+from flexstage.hysteresis.drive_model import in_unit_of_model
 from flexstage.hysteresis.model_file import MODEL_FILE
 from flexstage.hysteresis.oscillator.model import BoucWenOscillator
 from flexstage.quantities.units import readable
@@ -73,7 +74,13 @@ class OscillatorModel:
         It begins at rest without or under its first input, or is one period of a motion that
         repeats: whichever is nearest to the first tenth of the output.
         """
-        u, y = (record.channel(column).values for column in (input_column, output_column))
+        u, y = (
+            in_unit_of_model(channel.values, channel.unit, unit, side)[0]
+            for channel, unit, side in (
+                (record.channel(input_column), self.input_unit, "input"),
+                (record.channel(output_column), self.output_unit, "output"),
+            )
+        )
         first = slice(0, max(round(_FIRST * u.size), 2))
         rate, n = record.sample_rate_hz, u.size
         # from zero to the first input within some periods, and some more until it rests
@@ -108,7 +115,7 @@ class OscillatorModel:
             measured=y[:, None] - self.offset,
             predicted=predicted[:, None],
             warm_up=0,
-            notes=tuple(notes),
+            notes=(*notes, *record.notes),
         )
 
     def predictions(

@@ -1,4 +1,4 @@
-"""A first guess of an oscillator: its equation of motion, taken at its word."""
+"""A first guess of an oscillator: the measured displacement in its equation of motion."""
 
 import math
 
