@@ -44,6 +44,8 @@ After = str | float | DriveState | Record | Sequence[Record]
 _STARTS: tuple[Start, ...] = (math.inf, *np.geomspace(1000.0, 1.0, 19).tolist(), 0.0, "rested")
 #: Largest ratio of the error of a start to that of the best for equal likelihood.
 _EQUAL = 1.01
+#: Difference of errors that is rounding, as a share of the range of the output.
+_ROUNDING = 1e-9
 #: Fewest samples of a warm-up for an estimate of the start.
 _FEWEST_SAMPLES = 20
 _NO_CYCLE = (
@@ -421,13 +423,20 @@ def _possible_starts(
             left = left - np.nanmedian(left)
         return float(np.nanmedian(np.abs(left)))
 
-    def scatter(memory: str) -> float:
-        # without the level, which depends on creep as well
-        return min(error(memory, s, free=True) for s in (starts[0], *starts[-2:]))
+    def compared(memory: str) -> tuple[float, float]:
+        # without the level, which depends on creep as well, and with it
+        few = dict.fromkeys((starts[0], *starts[-2:]))
+        scatter = min(error(memory, s, free=True) for s in few)
+        return scatter, min(error(memory, s, free=is_free) for s in starts)
 
+    is_free = model.zero != "one"
     if model.validity is not None:
-        memory = min(memories(model.validity.input_range, first), key=scatter)
-    errors = [error(memory, s, free=model.zero != "one") for s in starts]
+        pairs = {m: compared(m) for m in memories(model.validity.input_range, first)}
+        scatter, total = pairs[memory]
+        least = scatter / _EQUAL - _ROUNDING * float(np.nanmax(y) - np.nanmin(y))
+        better = [m for m, pair in pairs.items() if pair[0] < least and pair[1] <= total]
+        memory = min(better, key=lambda m: pairs[m], default=memory)
+    errors = [error(memory, s, free=is_free) for s in starts]
     best = int(np.argmin(errors))
     others = (i for i, e in enumerate(errors) if i != best and e <= _EQUAL * errors[best])
     return memory, tuple(starts[i] for i in (best, *others)), *response(memory, starts[best])
