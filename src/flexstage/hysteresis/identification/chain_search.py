@@ -372,14 +372,14 @@ def other_chains(data: FitData, estimate: ChainEstimate, kind: str) -> tuple[Cha
     errors = {n: e for n, e in estimate.errors.items() if n != "creep_per_decade"}
     searched = tuple(n for n in estimate.searched if n in errors)
     at_limits = _at_limits(estimate.values, _longest_delay(data))
-    kept = tuple(note for note in estimate.notes if note not in at_limits)
+    other_notes = tuple(note for note in estimate.notes if note not in at_limits)
     return tuple(
         replace(
             estimate,
             values=chain,
             searched=searched,
             errors=errors,
-            notes=(*kept, *_at_limits(chain, _longest_delay(data))),
+            notes=(*other_notes, *_at_limits(chain, _longest_delay(data))),
         )
         for chain in chains
     )
