@@ -18,7 +18,8 @@ dev_run := PATH="$(CURDIR)/$(dev):$$PATH" PYRIGHT_PYTHON_GLOBAL_NODE=0 \
 .DEFAULT_GOAL := help
 # Tests that measure time, by their marker.
 alone = $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)
-# Servers, browsers and stages in their own time are waited for: one process more than cores.
+# Servers, browsers and stages in their own time are waited for in the slow tier: one process more
+# than cores. In the other each process more compiles the same loops again.
 processes = $(shell $(PYTHON) -c 'import os; print(os.cpu_count() + 1)')
 parallel := --dist worksteal --durations=20
 
@@ -37,7 +38,7 @@ test: style ## lint, with every test but the slow ones beside it
 	@$(MAKE) --no-print-directory -j2 types quick
 
 quick: env-dev
-	$(dev_run) pytest -n $(processes) $(parallel) $(PYTEST_ARGS)
+	$(dev_run) pytest -n auto $(parallel) $(PYTEST_ARGS)
 
 slow: env-dev ## the slow evidence: peers, long runs, the built package
 	$(dev_run) pytest tests -m "slow and not alone" \
