@@ -186,10 +186,12 @@ class CompensationPanel:
             self.compute()
 
     def _reshape(self, shape: Any) -> None:
+        others = "file" in (shape, self._state.motion.shape)
         self._state.motion = replace(self._state.motion, shape=shape)
         if shape == "file":
             self._state.compensation = None
-        self.show()
+        if others:  # else a number that was typed just before would be lost with its field
+            self.show()
         self.compute()
 
     # command
