@@ -344,7 +344,9 @@ def test_from_a_record_to_the_waveform_in_a_browser(tmp_path: Path) -> None:
         waiting.value.save_as(model)
         assert (open_model_file(model)[0].errors["heldout_95"] or 1.0) < 0.3
         page.get_by_role("tab", name="3 Compensate").click()
+        page.locator(".stretched:not(.stale)").get_by_text("Predicted error").first.wait_for()
         page.get_by_label("Amplitude ± [µm]").fill("12")
+        page.keyboard.press("Tab")
         page.get_by_role("button", name="Triangle").click()
         page.locator(".stretched:not(.stale)").get_by_text("99.2 V").first.wait_for()
         look.require_sound("hysteresis-command")
