@@ -173,7 +173,8 @@ def coupled_commands(
         References of all outputs, deviations from the operating point, shape (n, p). Before, the
         stage rests there; a smooth step leads to the first reference.
     limits : tuple of float, optional
-        Lowest and highest command, deviations from the operating point.
+        Lowest and highest command, deviations from the operating point; that of the input that
+        moved least in the records where not given.
     largest_rate : float, optional
         Largest rate of a command [unit of the inputs per second].
     band_hz : float, optional
