@@ -202,6 +202,22 @@ def test_errors_of_parameters_include_those_of_the_chain():
         assert wider.standard_error == pytest.approx(np.hypot(one.standard_error, change), rel=0.05)
 
 
+def test_no_parameter_has_an_error_where_no_model_stands_behind_a_changed_chain(monkeypatch):
+    u = drive(400, dt=0.02)
+    method = fits()["line"]
+    data = whole(measurement([record(u, noisy(BOUC_WEN, u, 1), 0.02)], "u", "y"))
+    fit = method.fit(data)
+    left, validation = residuals(fit.model, data), cross_validate(method, data, fit.search)
+
+    def refused(*_):
+        raise ModelError("no such model")
+
+    monkeypatch.setattr(type(method), "fit", refused)
+    named, offset, _ = estimates(method, fit, data, left, validation, {"delay": 0.01})
+    assert named == ()
+    assert np.isinf(offset.standard_error)
+
+
 # ------------------------------------------------------------------------------- the linear chain
 
 

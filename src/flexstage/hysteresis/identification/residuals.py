@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,
@@ -256,7 +257,11 @@ def estimates(
             # columns belong to a chain, the choices of a fit do not
             memo = {k: m for k, m in data.memo.items() if k.endswith((" start", " smoothing"))}
             other = replace(data, chain=shifted, memo=memo)
-            model = method.fit(other, fit.search).model
+            try:
+                model = method.fit(other, fit.search).model
+            except ModelError:  # behind such a chain there is no model of this kind
+                error = np.full(now.size, np.inf)
+                break
             changed = np.array(list(_values(model, residuals(model, other)).values()))
             error = np.hypot(error, changed - now)
     *parameters, offset = (
