@@ -108,29 +108,39 @@ def following(record: Record, size: int, model: str) -> Following | None:
     )
 
 
-def shares(stretches: Iterator[tuple[Record, int]]) -> tuple[list[bool], list[float]]:
-    """Return whether each determined interval holds the error that follows, and shares in bands."""
+def shares(stretches: Iterator[tuple[Record, int]]) -> tuple[list[bool], list[float], list[float]]:
+    """Return whether each determined interval holds the error that follows, widths, and bands.
+
+    The width is the quotient of the ends of an interval; of a band the share inside is returned.
+    """
     every = [following(*s, MODELS[k % len(MODELS)]) for k, s in enumerate(stretches)]
     results = [f for f in every if f is not None]
-    inside = [f.interval[0] <= f.rms <= f.interval[1] for f in results if f.interval is not None]
-    return inside, [f.within for f in results]
+    determined = [(f.rms, *f.interval) for f in results if f.interval is not None]
+    inside = [low <= rms <= high for rms, low, high in determined]
+    return inside, [high / low for _, low, high in determined], [f.within for f in results]
 
 
 @needs("picma-p885")
 @pytest.mark.slow
 def test_interval_and_band_hold_the_following_stretch() -> None:
-    """Of 95 % that are stated, 90 to 99 % hold: 63 of 67 intervals, and bands on 79 stretches."""
-    inside, within = shares(measured(60))
+    """Of 95 % that are stated, at least 90 % hold: 49 of 49 intervals, and bands on 57 stretches.
+
+    All of 49 is no sign of intervals that are too wide: where 95 % hold, it happens in one of
+    twelve such runs. Their width is limited instead: of errors of six cycles, 95 % lie within a
+    factor of 4.8.
+    """
+    inside, widths, within = shares(measured(60))
     assert len(within) >= 54
     assert len(inside) >= 45
-    assert 0.90 <= np.mean(inside) <= 0.99
+    assert np.mean(inside) >= 0.90
+    assert np.median(widths) < 6.0
     assert 0.90 <= np.mean(within) <= 0.99
 
 
 @pytest.mark.slow
 def test_they_hold_at_other_rates_and_amplitudes() -> None:
     """Twelve simulated stacks: of 95 % one miss is usual, and three are not."""
-    inside, within = shares(simulated(12))
+    inside, _, within = shares(simulated(12))
     assert len(inside) >= 10
     assert np.sum(inside) >= len(inside) - 2
     assert 0.90 <= np.mean(within) <= 0.99

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,8 @@ from flexstage.web.hysteresis.work import (
     validation_example,
     waveform,
 )
+from flexstage.web.jobs import BackgroundJob
+from flexstage.web.page import Task
 from tests.panel import looked_at, simulated
 
 RATE = 200.0
@@ -314,6 +317,55 @@ def test_limits_of_a_command_are_those_of_the_request(
         assert state.motion.request.voltage == (2.0, 60.0)
         give("Voltage", "")
         await come(lambda: state.motion.request.voltage is None)
+
+    simulated(tmp_path, look)
+
+
+def test_two_pages_of_one_browser_show_the_same_result(tmp_path: Path) -> None:
+    """After a reload the former page lives on for seconds, and can take or start work first."""
+
+    async def look(user: Any, panel: Any) -> None:
+        await user.open("/hysteresis")
+        jobs: dict[str, BackgroundJob] = {}
+        seen: list[tuple[str, Any]] = []
+        ends: list[tuple[BackgroundJob, Callable[[BackgroundJob], None]]] = []
+
+        def task(name: str) -> Task:
+            page = SimpleNamespace(
+                watch=lambda job, end: ends.append((job, end)),
+                session=SimpleNamespace(id=""),
+                panel=SimpleNamespace(
+                    jobs=SimpleNamespace(start=lambda *a, **_: BackgroundJob(a[0]))
+                ),
+            )
+            return Task(
+                page, jobs, "command", user.client.content,
+                lambda result: seen.append((name, result)),
+                elsewhere=lambda: seen.append((name, "elsewhere")),
+            )  # fmt: skip
+
+        def end(job: BackgroundJob, result: Any) -> None:
+            job._end("done", result)
+            for watched in [e for e in ends if e[0] is job]:
+                ends.remove(watched)
+                watched[1](job)
+
+        with user.client.content:
+            former, present = task("former"), task("present")
+            former.start("first", print)
+            present.attach()
+            first = jobs["command"]
+            end(first, 1)
+            assert seen == [("former", 1), ("present", "elsewhere")]
+            present.start("second", print)
+            former.attach()
+            second = jobs["command"]
+            former.start("third", print)  # in place of the second, which the present page watches
+            assert second._cancel.is_set()
+            second._end("cancelled")
+            present._take_result(second)
+            end(jobs["command"], 3)
+            assert seen[2:] == [("former", 3), ("present", "elsewhere")]
 
     simulated(tmp_path, look)
 

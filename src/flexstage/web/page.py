@@ -301,6 +301,7 @@ class Task:
         elsewhere: Callable[[], object] | None = None,
     ) -> None:
         self._page, self._jobs, self._key, self._place = page, jobs, key, place
+        self._watched: BackgroundJob | None = None
         self._on_result, self._on_failure, self._elsewhere = (
             on_result,
             on_failure or _show_failure,
@@ -327,9 +328,10 @@ class Task:
         self.attach()
 
     def attach(self) -> None:
-        """Show the progress of the job, and take its result."""
+        """Show the progress of the job, and take its result; another page can have started it."""
         job = self._jobs.get(self._key)
-        if job is not None:
+        if job is not None and job is not self._watched:
+            self._watched = job
             with self._place:
                 show_job(self._page, job)
                 self._page.watch(job, self._take_result)
@@ -338,6 +340,7 @@ class Task:
         if self._jobs.get(self._key) is not job:
             if self._elsewhere is not None and job.state == "done":
                 self._elsewhere()
+            self.attach()
             return
         del self._jobs[self._key]
         if job.state == "done":

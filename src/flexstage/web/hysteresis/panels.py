@@ -77,7 +77,7 @@ class CompensationPanel:
         self._error.visible = False
         self._task = Task(
             self._page, self._state.jobs, "command", self._working, self._take, self._failed,
-            self._show_command,
+            self._taken_elsewhere,
         )  # fmt: skip
         self.show()
 
@@ -200,6 +200,7 @@ class CompensationPanel:
         """Compute the command for the desired motion, after a running computation."""
         state = self._state
         self._is_outdated = self._task.running  # cancelling would kill a warm worker process
+        self._task.attach()  # another page of this browser can have started it
         if state.model is None or self._is_outdated:
             return
         motion = state.motion
@@ -226,6 +227,13 @@ class CompensationPanel:
         self._state.compensation = compensation
         self._show_error("")
         self._show_command()
+
+    def _taken_elsewhere(self) -> None:
+        if self._is_outdated:
+            self.compute()
+        else:
+            self._show_error("")
+            self._show_command()
 
     def _failed(self, message: str) -> None:
         if self._is_outdated:
