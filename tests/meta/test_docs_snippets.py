@@ -32,7 +32,7 @@ LONG = {
     for name in (
         "explanation/identification", "how-to/control",
         "how-to/drive-a-controller", "how-to/equations", "how-to/finite-elements",
-        "how-to/frequency-response", "how-to/identify", "how-to/own-models", "how-to/python",
+        "how-to/frequency-response", "how-to/own-models", "how-to/python",
         "how-to/update-model", "how-to/write-a-plan", "tutorials/piezo-hysteresis",
     )
 }  # fmt: skip
