@@ -184,19 +184,23 @@ class Drive(Actuator):
 
         Minus infinity where a seat lifts off.
         """
-        own = 0.0 if self.spring is None else force / self.spring
+        shorter = 0.0 if self.spring is None else force / self.spring
         rest = self.preload.force if self.preload else 0.0
         if not self.pulls and rest + force < 0.0:
             return -math.inf
-        return own + sum(seat.approach(rest + force, rest) for seat in self.seats)
+        return shorter + sum(seat.approach(rest + force, rest) for seat in self.seats)
+
+    def tangent(self, force: float) -> float | None:
+        """Return the stiffness of drive and seats under a pressing force [N/m]; None if rigid."""
+        seats = seats_stiffness(self.seats, force)
+        if math.isinf(seats) or self.spring is None:
+            return self.spring if math.isinf(seats) else seats
+        return self.spring * seats / (self.spring + seats)
 
     @property
     def mounted(self) -> MountedDrive:
         """The drive with its seats, under its preload, and with its preload spring."""
-        chain, force = self.spring, self.preload.force if self.preload else 0.0
-        seats = seats_stiffness(self.seats, force)
-        if math.isfinite(seats):
-            chain = seats if chain is None else chain * seats / (chain + seats)
+        chain = self.tangent(self.preload.force if self.preload else 0.0)
         spring = self.preload.spring_stiffness if self.preload else 0.0
         if chain is None or spring == 0.0:
             return MountedDrive(chain, self.stroke, self.smallest_displacement)

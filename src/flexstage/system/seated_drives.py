@@ -12,7 +12,6 @@ from flexstage.base.errors import ModelError
 from flexstage.base.short_repr import short_repr
 from flexstage.stage.drive import Drive, Force
 from flexstage.stage.model import Stage
-from flexstage.stage.seat import seats_stiffness
 from flexstage.system.mechanical import DrivePort, MechanicalSystem
 from flexstage.system.statics import StaticSolution, solve_stiffness, static_state
 
@@ -122,16 +121,15 @@ def _forces(drives: list[Drive], compliance: Array, free: Array) -> Array:
     for _ in range(_SWEEPS):
         before = force.copy()
         for i, drive in enumerate(drives):
-            own = float(compliance[i, i])
-            if own <= 0.0:
+            there = float(compliance[i, i])
+            if there <= 0.0:
                 raise ModelError(
                     f"drive '{drive.name}' moves nothing: both of its bodies are fixed"
                 )
-            rest = float(free[i] - compliance[i] @ force + own * force[i])
-            force[i] = _force(drive, own, rest)
-        if np.max(np.abs(force - before), initial=0.0) <= _SETTLED * np.max(
-            np.abs(force), initial=0.0
-        ):
+            rest = float(free[i] - compliance[i] @ force + there * force[i])
+            force[i] = _force(drive, there, rest)
+        change, largest = (np.max(np.abs(f), initial=0.0) for f in (force - before, force))
+        if change <= _SETTLED * largest:
             return force
     raise ModelError(
         "the forces of the drives do not settle: two of them hold the same motion, so that only "
@@ -147,8 +145,7 @@ def _force(drive: Drive, compliance: float, free: float) -> float:
         return compliance * force + drive.compression(force) - free
 
     if not drive.seats:
-        own = 0.0 if drive.spring is None else 1.0 / drive.spring
-        return free / (compliance + own)
+        return free / (compliance + drive.compression(1.0))
     # F = 0 is on one side of the balance, and w over the compliance on the other
     end, least = free / compliance, -math.inf
     if not drive.pulls and drive.preload:
@@ -167,16 +164,11 @@ def _force(drive: Drive, compliance: float, free: float) -> float:
 def _state(drive: Drive, port: DrivePort, force: float, q: Array) -> SeatedDrive:
     contact = force + (drive.preload.force if drive.preload else 0.0)
     is_open = not drive.pulls and contact <= 0.0
-    seats = 0.0 if is_open else seats_stiffness(drive.seats, contact)
-    if math.isinf(seats):
-        stiffness = math.inf if drive.spring is None else drive.spring
-    else:
-        own = 0.0 if drive.spring is None or seats == 0.0 else 1.0 / drive.spring
-        stiffness = 0.0 if seats == 0.0 else 1.0 / (own + 1.0 / seats)
+    stiffness = 0.0 if is_open else drive.tangent(contact)
     return SeatedDrive(
         force=force,
         contact_force=contact,
         elongation=float(port.vector @ q),
-        stiffness=stiffness,
+        stiffness=math.inf if stiffness is None else stiffness,
         is_open=is_open,
     )
