@@ -11,7 +11,7 @@ from flexstage.hinges.registry import with_neck_radius, with_neck_thickness
 from flexstage.lumped import hinge_springs, lumped_system
 from flexstage.lumped.assemble import (
     BodyCoordinates,
-    _drive_port,
+    _elongation,
     _probe_port,
     _weight,
     hinge_matrix,
@@ -19,7 +19,7 @@ from flexstage.lumped.assemble import (
 )
 from flexstage.stage import Circle, PiezoStack, Stage, mass_properties
 from flexstage.system import MechanicalSystem, analyse
-from flexstage.system.mechanical import BodyPort, LoadPort
+from flexstage.system.mechanical import BodyPort, LoadPort, drive_port
 from flexstage.system.stress_map import StressMap
 from flexstage.virtual.imperfections import Scatter
 
@@ -131,16 +131,17 @@ def made_system(
         rows.append(stress @ k @ b)
         owner += [h] * len(stress)
     drawn = lumped_system(stage)
+    bodies = tuple(
+        BodyPort(name=n, centre=p.centre, matrix=point_matrix(layout, n, p.centre))
+        for n, p in masses.items()
+    )
     return made, replace(
         drawn,
         M=np.diag(mass),
         K=0.5 * (K + K.T),
-        drives=tuple(_drive_port(layout, d) for d in made.drives),
+        drives=tuple(drive_port(d, _elongation(layout, d), bodies) for d in made.drives),
         probes=tuple(_probe_port(layout, p) for p in made.probes),
-        bodies=tuple(
-            BodyPort(name=n, centre=p.centre, matrix=point_matrix(layout, n, p.centre))
-            for n, p in masses.items()
-        ),
+        bodies=bodies,
         stress=StressMap(
             hinges=tuple(h.name for h in made.hinges),
             matrix=np.concatenate(rows),

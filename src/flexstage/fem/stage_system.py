@@ -21,15 +21,15 @@ from flexstage.fem.geometry import (
     patch_edge,
 )
 from flexstage.hinges import Profile
-from flexstage.stage import Drive, Force, Hinge, Probe, Stage
+from flexstage.stage import Drive, Hinge, Probe, Stage
 from flexstage.stage.outline import Point
 from flexstage.system import MechanicalSystem
 from flexstage.system.mechanical import (
     AxisPort,
     BodyPort,
-    DrivePort,
     LoadPort,
     ProbePort,
+    drive_port,
 )
 from flexstage.system.stress_map import StressMap
 
@@ -282,28 +282,19 @@ def stage_system(
         for name, (body, _) in lifted_probes(stage).items()
         if name in ports.probes
     ]
+    bodies = tuple(
+        BodyPort(name=name, centre=centre, matrix=motion)
+        for name, (centre, motion) in ports.bodies.items()
+    )
     return MechanicalSystem(
         name=stage.name,
         model=settings["model"],
         M=mass,
         K=stiffness,
         coordinates=names,
-        drives=tuple(
-            DrivePort(
-                name=d.name,
-                vector=ports.drives[d.name],
-                stiffness=d.spring,
-                stroke=d.stroke,
-                smallest_displacement=d.smallest_displacement,
-                largest_force=d.largest_force if isinstance(d, Force) else None,
-            )
-            for d in stage.drives
-        ),
+        drives=tuple(drive_port(d, ports.drives[d.name], bodies) for d in stage.drives),
         probes=(*readings, *lifted),
-        bodies=tuple(
-            BodyPort(name=name, centre=centre, matrix=motion)
-            for name, (centre, motion) in ports.bodies.items()
-        ),
+        bodies=bodies,
         stress=stress,
         loads=tuple(
             LoadPort(name=name, vector=vector, unit=unit)

@@ -265,7 +265,8 @@ def _with_weights(
     else:
         # the part of the imposed shape outside the retained modes moves with the drive
         shape = imposed_shape(system, port)
-        gain = np.asarray(stage_modes.shapes.T @ system.M @ shape, dtype=np.float64)
+        mass = system.mass_matrix("in place")
+        gain = np.asarray(stage_modes.shapes.T @ (mass @ shape), dtype=np.float64)
         reach = (probes @ stage_modes.shapes * gain)[:, :count]
         feed = probes @ shape - reach.sum(axis=1)
         rate_time = 2.0 * zeta / omega

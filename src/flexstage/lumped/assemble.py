@@ -17,7 +17,6 @@ from flexstage.hinges import HingeCompliance, Profile, compliance, stress_rows
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.stage import (
     Drive,
-    Force,
     Hinge,
     MassProperties,
     Probe,
@@ -31,9 +30,9 @@ from flexstage.system.mechanical import (
     STANDARD_GRAVITY,
     AxisPort,
     BodyPort,
-    DrivePort,
     LoadPort,
     ProbePort,
+    drive_port,
 )
 from flexstage.system.stress_map import StressMap
 
@@ -266,18 +265,19 @@ def lumped_system(
         rows.append(row)
         owner += [i] * stress.shape[0]
     planes = sorted({s.plane for s in springs})
+    bodies = tuple(
+        BodyPort(name=n, centre=p.centre, matrix=point_matrix(layout, n, p.centre))
+        for n, p in properties.items()
+    )
     return MechanicalSystem(
         name=stage.name,
         model="lumped",
         M=np.diag(mass),
         K=0.5 * (stiffness + stiffness.T),
         coordinates=layout.names(),
-        drives=tuple(_drive_port(layout, d) for d in stage.drives),
+        drives=tuple(drive_port(d, _elongation(layout, d), bodies) for d in stage.drives),
         probes=tuple(_probe_port(layout, p) for p in stage.probes),
-        bodies=tuple(
-            BodyPort(name=n, centre=p.centre, matrix=point_matrix(layout, n, p.centre))
-            for n, p in properties.items()
-        ),
+        bodies=bodies,
         stress=StressMap(
             hinges=tuple(s.hinge.name for s in springs),
             matrix=np.concatenate(rows) if rows else np.zeros((0, layout.order)),
@@ -305,20 +305,13 @@ def _along(angle: float) -> Array:
     return np.array([math.cos(angle), math.sin(angle), 0.0])
 
 
-def _drive_port(layout: BodyCoordinates, drive: Drive) -> DrivePort:
+def _elongation(layout: BodyCoordinates, drive: Drive) -> Array:
     # Force and reaction share one line of action, through the pushed point and turning with the
     # body that the drive stands on. Taken at two separate points they would be a couple
     # out of nothing, and turning both bodies together would seem to stretch the drive.
     pushed = point_matrix(layout, drive.pushes, drive.at[0])
     stood = point_matrix(layout, drive.reacts, drive.at[0])
-    return DrivePort(
-        name=drive.name,
-        vector=_along(drive.direction) @ (pushed - stood),
-        stiffness=drive.spring,
-        stroke=drive.stroke,
-        smallest_displacement=drive.smallest_displacement,
-        largest_force=drive.largest_force if isinstance(drive, Force) else None,
-    )
+    return _along(drive.direction) @ (pushed - stood)
 
 
 def _probe_port(layout: BodyCoordinates, probe: Probe) -> ProbePort:

@@ -204,7 +204,7 @@ def mechanism(
                 bodies=(index[d.reacts], index[d.pushes]),
                 points=(d.at[1], d.at[0]),
                 direction=d.direction,
-                stiffness=d.spring,
+                stiffness=d.mounted.stiffness,
             )
             for d in stage.drives
         ),

@@ -165,7 +165,9 @@ def _topology(stage: Stage) -> tuple[object, ...]:
     return (
         tuple((b.name, b.fixed) for b in stage.bodies),
         tuple((h.name, h.bodies) for h in stage.hinges),
-        tuple((d.name, type(d), d.pushes, d.reacts, d.spring is None) for d in stage.drives),
+        tuple(
+            (d.name, type(d), d.pushes, d.reacts, d.mounted.stiffness is None) for d in stage.drives
+        ),
         tuple((p.name, p.body, p.relative_to, p.unit) for p in stage.probes),
         stage.axes,
     )
@@ -194,7 +196,7 @@ def described(
         numbers_or_nan = [math.nan if v is None else v for v in values]
         return np.array(numbers_or_nan, dtype=np.float64).reshape(-1, *shape)
 
-    drives = stage.drives
+    drives, mounted = stage.drives, [d.mounted for d in stage.drives]
     return owner, {
         "mass": numbers([m.mass for m in masses]),
         "inertia": numbers([m.inertia for m in masses]),
@@ -205,9 +207,11 @@ def described(
         "stress_rows": np.concatenate([np.zeros((0, 3)), *rows]),
         "drive_at": numbers([v for d in drives for v in d.at[0]], 2),
         "drive_direction": numbers([d.direction for d in drives]),
-        "drive_stiffness": numbers([math.inf if d.spring is None else d.spring for d in drives]),
-        "stroke": numbers([d.stroke for d in drives]),
-        "smallest_displacement": numbers([d.smallest_displacement for d in drives]),
+        "drive_stiffness": numbers(
+            [math.inf if m.stiffness is None else m.stiffness for m in mounted]
+        ),
+        "stroke": numbers([m.stroke for m in mounted]),
+        "smallest_displacement": numbers([m.smallest_displacement for m in mounted]),
         "largest_force": numbers(
             [d.largest_force if isinstance(d, Force) else None for d in drives]
         ),

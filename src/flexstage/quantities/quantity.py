@@ -89,6 +89,7 @@ QUANTITIES: dict[str, Quantity] = {
         # name, unit, label, printed unit and factor, rounding error
         Quantity("input_displacement", "m", "Input displacement", "µm", 1e6),
         Quantity("output_displacement", "m", "Output displacement", "µm", 1e6),
+        Quantity("working_displacement", "m", "Output displacement, drives in place", "µm", 1e6),
         Quantity("rotation_stroke", "rad", "Stroke in rotation", "µrad", 1e6),
         Quantity("transmission_ratio", "1", "Transmission ratio", "", 1.0),
         Quantity("max_stress", "Pa", "Largest stress", "MPa", 1e-6),
@@ -100,6 +101,7 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity(
             "natural_frequency_with_stack_hz", "Hz", "Natural frequency with stack", "Hz", 1.0
         ),
+        Quantity("lift_off_frequency_hz", "Hz", "Frequency at which a drive lifts off", "Hz", 1.0),
         Quantity("cross_coupling", "1", "Cross-coupling", "%", 100.0, 1e-9),
         Quantity("cross_displacement", "m", "Displacement of other axes", "µm", 1e6, 1e-15),
         Quantity("cross_rotation", "rad", "Rotation of other axes", "µrad", 1e6, 1e-12),

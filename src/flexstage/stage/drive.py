@@ -1,12 +1,14 @@
 """Drives of a stage: the actuator, and its place and spring between two bodies."""
 
+import math
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 from flexstage.base.errors import StageError
-from flexstage.files.ranges import POSITIVE, Size, require_ranges
+from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Size, require_ranges
 from flexstage.quantities.units import DIMENSIONS, Stiffness
 from flexstage.stage.outline import Point
+from flexstage.stage.seat import Preload, Seat, seats_stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -14,6 +16,13 @@ class Actuator:
     """Base class of actuators; use one of its kinds."""
 
     kind: ClassVar[str]
+
+    mass: Annotated[float, DIMENSIONS["mass"], POSITIVE] | None = None
+    """Mass that moves with the bodies of the stage [kg]; none where not given."""
+    thermal_expansion: Annotated[float, DIMENSIONS["expansion"]] | None = None
+    """Coefficient of linear expansion along the drive [1/K]; negative for poled stacks."""
+    thermal_expansion_uncertainty: Annotated[float, DIMENSIONS["expansion"], NOT_NEGATIVE] = 0.0
+    """Standard uncertainty of this coefficient [1/K]."""
 
     @property
     def stroke(self) -> float | None:
@@ -107,6 +116,17 @@ class VoiceCoil(Actuator):
 AnyActuator = ScrewActuator | StackActuator | VoiceCoil
 
 
+class MountedDrive(NamedTuple):
+    """A drive with its seats and its preload spring, as the stage feels it at rest."""
+
+    stiffness: float | None
+    """Stiffness against small displacements [N/m]; None if rigid, 0 for a force."""
+    stroke: float | None
+    """Free displacement [m]; None for a force."""
+    smallest_displacement: float | None
+    """Smallest commanded change of the free displacement [m]; None where not known."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Drive(Actuator):
     """Base class of drives, an actuator and its place in a stage; use one of its kinds.
@@ -132,9 +152,65 @@ class Drive(Actuator):
     """Direction in which it pushes, from the x axis to the left [rad]."""
     patch_half_width: Size = 3e-3
     """Half of the width over which the force is spread [m]."""
+    length: Size | None = None
+    """Length that expands with temperature [m]; the distance of its points where not given."""
+    seats: tuple[Seat, ...] = ()
+    """Contacts at its ends, in series; where there are none, it is joined rigidly."""
+    preload: Preload | None = None
+    """Force that presses it on its seats."""
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, f"drive '{self.name}'")
+        for part in (*self.seats, *filter(None, (self.preload,))):
+            require_ranges(part, StageError, f"drive '{self.name}'")
+        if self.spring == 0.0 and (self.seats or self.preload):
+            raise StageError(
+                f"drive '{self.name}' is a pure force, which has no seats and no preload: remove "
+                "the keys 'seats' and 'preload'"
+            )
+        if self.preload is None and not all(seat.pulls for seat in self.seats):
+            raise StageError(
+                f"drive '{self.name}' stands on seats that only press: give its 'preload', the "
+                "force at rest, such as preload: {force: 50 N}"
+            )
+
+    @property
+    def pulls(self) -> bool:
+        """True if no seat lifts off under a pulling force."""
+        return all(seat.pulls for seat in self.seats)
+
+    def compression(self, force: float) -> float:
+        """Return by how much drive and seats shorten from rest under a force of the stage [m].
+
+        Minus infinity where a seat lifts off.
+        """
+        shorter = 0.0 if self.spring is None else force / self.spring
+        rest = self.preload.force if self.preload else 0.0
+        if not self.pulls and rest + force < 0.0:
+            return -math.inf
+        return shorter + sum(seat.approach(rest + force, rest) for seat in self.seats)
+
+    def tangent(self, force: float) -> float | None:
+        """Return the stiffness of drive and seats under a pressing force [N/m]; None if rigid."""
+        seats = seats_stiffness(self.seats, force)
+        if math.isinf(seats) or self.spring is None:
+            return self.spring if math.isinf(seats) else seats
+        return self.spring * seats / (self.spring + seats)
+
+    @property
+    def mounted(self) -> MountedDrive:
+        """The drive with its seats, under its preload, and with its preload spring."""
+        chain = self.tangent(self.preload.force if self.preload else 0.0)
+        spring = self.preload.spring_stiffness if self.preload else 0.0
+        if chain is None or spring == 0.0:
+            return MountedDrive(chain, self.stroke, self.smallest_displacement)
+        share = chain / (chain + spring)
+        least = self.smallest_displacement
+        return MountedDrive(
+            chain + spring,
+            None if self.stroke is None else share * self.stroke,
+            None if least is None else share * least,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

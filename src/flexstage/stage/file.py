@@ -38,6 +38,7 @@ from flexstage.stage.copies import PROFILES as SHARED
 from flexstage.stage.drive import DRIVES, Drive
 from flexstage.stage.model import Stage
 from flexstage.stage.outline import LARGEST, SMALLEST, Circle, Loop
+from flexstage.stage.seat import SEATS, Seat
 from flexstage.stage.transform import PlaneMotion
 
 #: The schema that is shipped with the package.
@@ -188,6 +189,7 @@ STAGE_FILE = Format(
     shortest=SMALLEST,
     families={
         Drive: DRIVES,
+        Seat: SEATS,
         Profile: PROFILES,
     },
     forms={

@@ -19,6 +19,7 @@ from flexstage.system.coupled_axes import MOST_DRIVES, CoupledAxes, coupled_axes
 from flexstage.system.figure_source import AxisMeasures, axis_figures, axis_quantity, stress_figures
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import Modes, generalized_modes
+from flexstage.system.seated_drives import static_drives
 from flexstage.system.statics import (
     AxisAnalysis,
     analyse_axis,
@@ -273,9 +274,48 @@ def axis_characteristics(
             driven = axis_mode(system, in_place, static.drive_force, axis.probe)
             condition = f"mode {driven + 1}, with stack (drives in place)"
             add("natural_frequency_with_stack_hz", in_place.frequency_hz[driven], condition)
-    for quantity, value, note in _loaded(system, axis.probe):
+    for quantity, value, note in (
+        *_on_seats(stage, system, axis, float(frequency_hz[mode])),
+        *_loaded(system, axis.probe),
+    ):
         add(quantity, value, note)
     return add.rows
+
+
+def _on_seats(
+    stage: Stage, system: MechanicalSystem, axis: AxisAnalysis, bare_hz: float
+) -> Iterator[tuple[str, float, str]]:
+    r"""Yield what the drives of an axis do on their seats, where they have any.
+
+    A drive that moves as a sine over its stroke, without pulling, lifts off at
+    :math:`f_0\sqrt{2 + F_0/(k_{in} A)}`, with the natural frequency f0 without drives, the preload
+    F0, the input stiffness and half the stroke A.
+    """
+    drives = [d for d in stage.drives if d.name in axis.drives]
+    if not any(d.seats or d.preload for d in drives):
+        return
+    # an elongation of the analysis is that of the drive with its preload spring
+    strokes = {
+        d.name: axis.drives[d.name] * (d.stroke or 0.0) / (system.drive(d.name).stroke or math.inf)
+        for d in drives
+    }
+    state = static_drives(stage, system, strokes)
+    pressing = ", ".join(f"{state.drives[name].contact_force:.1f} N" for name in strokes)
+    yield (
+        "working_displacement",
+        state.static.readings[axis.probe],
+        f"drives on their seats, contact force {pressing}",
+    )
+    preloads = [
+        d.preload.force * abs(axis.drives[d.name]) for d in drives if d.preload and not d.pulls
+    ]
+    if len(drives) == len(preloads):
+        energy = axis.input_stiffness * axis.input_displacement**2
+        yield (
+            "lift_off_frequency_hz",
+            bare_hz * math.sqrt(2.0 + 2.0 * min(preloads) / energy),
+            "of a sine over the whole stroke, one mode",
+        )
 
 
 def _over(coupled: CoupledAxes | None) -> str:

@@ -11,6 +11,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.base.short_repr import short_repr
 from flexstage.stage.assumptions import DAMPING_RATIO
+from flexstage.stage.drive import Drive, Force
 from flexstage.stage.model import only_drive
 from flexstage.system.stress_map import StressMap
 
@@ -133,6 +134,12 @@ class DrivePort:
     """Smallest commanded change [m]."""
     largest_force: float | None = None
     """Largest force, of a drive that is a pure force [N]."""
+    mass: float = 0.0
+    """Mass, spread evenly over its length [kg]."""
+    ends: Array | None = None
+    """Displacement x, y of its end on the pushed body, then on the reacting one, for each
+    coordinate [m], shape (2, 2, n); None without mass.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -159,6 +166,29 @@ class BodyPort:
     """The point whose displacement is given [m]."""
     matrix: Array
     """Displacement x, y [m] and rotation [rad] for each coordinate, shape (3, n)."""
+
+
+def drive_port(drive: Drive, vector: Array, bodies: Sequence[BodyPort]) -> DrivePort:
+    """Return the port of a drive with its seats, for its elongation and the motion of bodies."""
+    mounted, motion = drive.mounted, {b.name: b for b in bodies}
+    ends = None
+    if drive.mass is not None:
+        ends = np.zeros((2, 2, vector.size))
+        for end, body, (x, y) in zip(ends, (drive.pushes, drive.reacts), drive.at, strict=True):
+            if body in motion:  # else it is fixed
+                port = motion[body]
+                arm = np.array([port.centre[1] - y, x - port.centre[0]])
+                end[:] = port.matrix[:2] + np.outer(arm, port.matrix[2])
+    return DrivePort(
+        name=drive.name,
+        vector=vector,
+        stiffness=mounted.stiffness,
+        stroke=mounted.stroke,
+        smallest_displacement=mounted.smallest_displacement,
+        largest_force=drive.largest_force if isinstance(drive, Force) else None,
+        mass=drive.mass or 0.0,
+        ends=ends,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -349,6 +379,33 @@ class MechanicalSystem:
             else:
                 added += d.stiffness * np.outer(d.vector, d.vector)
         return added, np.array(constraints).reshape(len(constraints), self.order).T
+
+    def mass_matrix(self, condition: DriveCondition) -> Array:
+        r"""Return the mass matrix with the masses of the drives that are not removed.
+
+        .. math:: M + \sum \frac{m}{6} (2 e_1^T e_1 + 2 e_2^T e_2 + e_1^T e_2 + e_2^T e_1)
+
+        with the displacements e of both ends of a straight bar whose mass m is spread evenly.
+
+        Parameters
+        ----------
+        condition : str
+            ``removed``, ``in place`` or ``locked``.
+
+        Returns
+        -------
+        numpy.ndarray
+            The mass matrix, shape (n, n).
+        """
+        total = self.M
+        for d in self.drives:
+            if condition == "removed" or d.ends is None:
+                continue
+            first, second = d.ends
+            both = first + second
+            added = first.T @ first + second.T @ second + both.T @ both
+            total = total + d.mass / 6.0 * added
+        return total
 
     def with_damping(self, damping: Damping) -> "MechanicalSystem":
         """Return the same system with other damping.

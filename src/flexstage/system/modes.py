@@ -82,7 +82,7 @@ def modes(
     """
     added, constraints = system.drive_springs(drives)
     total = system.K + added
-    omega, shapes = generalized_modes(total, system.M, constraints, count)
+    omega, shapes = generalized_modes(total, system.mass_matrix(drives), constraints, count)
     strain_energy = np.einsum("ik,ij,jk->k", shapes, system.K, shapes, optimize=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(omega > 0.0, strain_energy / omega**2, 1.0)

@@ -166,7 +166,9 @@ def _imposed(
     """Response to an imposed elongation: its static shape, and modes that hold the drive."""
     shape = imposed_shape(system, drive)
     omega = 2.0 * np.pi * f
-    weight = (probe @ constraints.shapes) * (constraints.shapes.T @ system.M @ shape)
+    weight = (probe @ constraints.shapes) * (
+        constraints.shapes.T @ (system.mass_matrix("in place") @ shape)
+    )
     return probe @ shape + omega**2 * _sum_of_modes(constraints, weight, f)
 
 
@@ -229,7 +231,7 @@ def time_response(
                 f"drive '{name}' is rigid: give it a stiffness to command its displacement in time"
             )
         force += np.outer(u, gain * (port.vector @ result.shapes))
-    modal = system.M @ result.shapes
+    modal = system.mass_matrix(drives) @ result.shapes
     z = np.zeros((t.size, result.omega.size))
     v = np.zeros_like(z)
     if q0 is not None:
@@ -402,7 +404,7 @@ def state_space(
     for i, d in enumerate(system.drives):
         if drives == "in place" and d.stiffness is None:
             shape = imposed_shape(system, d)
-            gain = every.shapes[:, :k].T @ (system.M @ shape)
+            gain = every.shapes[:, :k].T @ (system.mass_matrix(drives) @ shape)
             upper[:, i] = 2.0 * zeta * omega * gain
             lower[:, i] = (1.0 - 4.0 * zeta**2) * omega**2 * gain
             feed[:, i] = [p.vector @ shape for p in system.probes] - c[:, :k] @ gain

@@ -227,7 +227,7 @@ def axis_chain(system: MechanicalSystem, axis: AxisPort, *, pushed_mass: float) 
         )
 
     if drive.stiffness is None:
-        share = phi_p * (in_place.shapes.T @ system.M @ shape)
+        share = phi_p * (in_place.shapes.T @ (system.mass_matrix("in place") @ shape))
         first = int(np.argmax(np.abs(share)))
         if abs(share[first]) < _ONE_MASS * abs(ratio):
             # the probe follows the imposed displacement directly

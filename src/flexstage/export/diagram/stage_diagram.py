@@ -265,9 +265,8 @@ def drive_springs(system: MechanicalSystem) -> dict[str, DriveSpring]:
         total = system.K + added
         for k, d in zip(stiffness, rigid, strict=True):
             total = total + k * np.outer(d.vector, d.vector)
-        squares = eigh(
-            total, system.M, eigvals_only=True, subset_by_index=(0, lowest.omega.size - 1)
-        )
+        mass, last = system.mass_matrix("in place"), lowest.omega.size - 1
+        squares = eigh(total, mass, eigvals_only=True, subset_by_index=(0, last))
         change = np.abs(np.sqrt(np.maximum(squares, 0.0)) / lowest.omega - 1.0)
         if np.all(change < _CHANGE):
             stand_in = {
@@ -287,7 +286,7 @@ def drive_springs(system: MechanicalSystem) -> dict[str, DriveSpring]:
 
 def _own_frequency(system: MechanicalSystem, vector: Array, stiffness: float) -> float:
     """Return the frequency of the pushed bodies alone on a spring [Hz]."""
-    mobility = float(vector @ np.linalg.solve(system.M, vector))
+    mobility = float(vector @ np.linalg.solve(system.mass_matrix("in place"), vector))
     return float(np.sqrt(stiffness * mobility) / (2.0 * np.pi))
 
 

@@ -149,6 +149,7 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
         "states": _cell(state_names(model)),
         # second order, in the coordinates of the model
         "M": system.M,
+        "M_in_place": system.mass_matrix("in place"),
         "K": system.K,
         "K_in_place": system.K + added,
         "C_damping": damping_matrix(system),
@@ -176,7 +177,7 @@ def damping_matrix(system: MechanicalSystem) -> Array:
     Without rigid drives the sum is zero.
     """
     all_modes = modes(system, drives="in place", count=None)
-    reader = all_modes.shapes.T @ system.M
+    reader = all_modes.shapes.T @ system.mass_matrix("in place")
     rigid = [d for d in system.drives if d.stiffness is None]
     reader = reader - sum(np.outer(reader @ imposed_shape(system, d), d.vector) for d in rigid)
     damping = (reader.T * (2.0 * all_modes.damping_ratio * all_modes.omega)) @ reader
@@ -193,8 +194,8 @@ def _notes(model: DynamicModel) -> tuple[str, ...]:
         "same with the state of A, B, C, D",
         "Bd_held, Dd_held: x(n+1) = Ad x(n) + Bd_held w(n), y(n) = C x(n) + Dd_held w(n), for "
         "inputs held between samples (zero-order hold)",
-        "M, K: bare stage; K_in_place: with the springs of the drives; C_damping: the damping "
-        "ratios of all modes, drives in place",
+        "M, K: bare stage; M_in_place, K_in_place: with masses and springs of the drives; "
+        "C_damping: the damping ratios of all modes, drives in place",
         "rest: settled states for a unit of each input",
         *model.notes,
     )

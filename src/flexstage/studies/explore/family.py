@@ -81,8 +81,8 @@ def _drive_force_share(stage: Stage, forces: Forces) -> Mapping[str, float]:
 def _stroke_left(stage: Stage, forces: Forces) -> Mapping[str, float]:
     r"""Share of the free stroke of a drive that remains on the stage: :math:`k_d/(k_d + k_s)`.
 
-    :math:`k_d` is the stiffness of the drive and :math:`k_s` its force over its elongation; the
-    least of the drives of an axis.
+    :math:`k_d` is the stiffness of the drive with its seats over the stroke, and :math:`k_s` its
+    force over its elongation; the least of the drives of an axis.
     """
     shares: dict[str, float] = {}
     for axis, drives in forces.items():
@@ -92,7 +92,9 @@ def _stroke_left(stage: Stage, forces: Forces) -> Mapping[str, float]:
             # a smaller share of the largest elongation is rounding error
             if isinstance(drive, Force) or abs(length) <= 1e-9 * largest:
                 continue
-            lost = 0.0 if drive.spring is None else force / drive.spring
+            # the preload spring is bent by the elongation, as the stage is
+            spring = drive.preload.spring_stiffness if drive.preload else 0.0
+            lost = drive.compression(force + spring * length)
             share = length / (length + lost) if length + lost else math.inf
             shares[axis] = min(shares.get(axis, math.inf), share)
     return shares

@@ -1,0 +1,174 @@
+"""Equilibrium of a stage and its drives on their seats."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
+from flexstage.stage.drive import Drive, Force
+from flexstage.stage.model import Stage
+from flexstage.system.mechanical import DrivePort, MechanicalSystem
+from flexstage.system.statics import StaticSolution, solve_stiffness, static_state
+
+# Sweeps over all drives, and the relative change of their forces at which they end.
+_SWEEPS, _SETTLED = 2000, 1e-12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeatedDrive:
+    """State of a drive on its seats."""
+
+    force: float
+    """Force on the stage besides the preload [N]; it pushes where positive."""
+    contact_force: float
+    """Pressing force on the seats [N]."""
+    elongation: float
+    """Elongation between both bodies [m]."""
+    stiffness: float
+    """Stiffness of drive and seats against small vibrations in this state [N/m]; infinite if rigid,
+    0 where open.
+    """
+    is_open: bool
+    """A seat has lifted off."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeatedState:
+    """Equilibrium of a stage and its drives."""
+
+    drives: Mapping[str, SeatedDrive]
+    """State of each drive that has a displacement."""
+    static: StaticSolution
+    """State of the stage; its change from rest."""
+
+    __repr__ = short_repr
+
+
+def static_drives(
+    stage: Stage,
+    system: MechanicalSystem,
+    displacements: Mapping[str, float],
+    *,
+    load: Array | None = None,
+) -> SeatedState:
+    r"""Return the equilibrium of a stage with its drives in place, on their seats.
+
+    .. math:: d_i^T q + c_i(F_i) = w_i, \quad K q = \sum_i d_i F_i + f, \quad F_{0i} + F_i \ge 0
+
+    The compression c of drive and seats is that of `Drive.compression`; a preload spring adds to K.
+    Where a seat would have to pull, the drive is open.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    system : MechanicalSystem
+        A model of it.
+    displacements : Mapping
+        Free displacement w by drive [m]; of every other drive with a stroke 0.
+    load : numpy.ndarray, optional
+        Force f on each coordinate, shape (n,).
+
+    Returns
+    -------
+    SeatedState
+        The state. Its one solution is found drive by drive: the energy is convex.
+
+    Raises
+    ------
+    ModelError
+        A drive does not exist or has no displacement, two are redundant, or the stage is a
+        mechanism.
+
+    Notes
+    -----
+    Validity: as the seats and the linear model; the preload is that at rest, without slip and
+    without friction of the seats.
+    """
+    drives = [d for d in stage.drives if not isinstance(d, Force)]
+    ports = [system.drive(d.name) for d in drives]
+    names = {d.name for d in drives}
+    if unknown := [name for name in displacements if name not in names]:
+        system.drive(unknown[0])
+        raise ModelError(f"drive '{unknown[0]}' is a pure force, which has no displacement")
+    K = system.K.copy()
+    for drive, port in zip(drives, ports, strict=True):
+        if drive.preload:
+            K += drive.preload.spring_stiffness * np.outer(port.vector, port.vector)
+    vectors = np.array([p.vector for p in ports]).reshape(len(ports), system.order).T
+    outer = np.zeros(system.order) if load is None else load
+    right = np.column_stack((vectors, outer))
+    shapes, _ = solve_stiffness(K, right, np.zeros((system.order, 0)))
+    free = np.array([displacements.get(d.name, 0.0) for d in drives]) - vectors.T @ shapes[:, -1]
+    force = _forces(drives, vectors.T @ shapes[:, :-1], free)
+    q = shapes[:, :-1] @ force + shapes[:, -1]
+    states = {
+        d.name: _state(d, p, float(f), q) for d, p, f in zip(drives, ports, force, strict=True)
+    }
+    return SeatedState(
+        drives=states, static=static_state(system, q, {n: s.force for n, s in states.items()})
+    )
+
+
+def _forces(drives: list[Drive], compliance: Array, free: Array) -> Array:
+    """Return the forces at which each drive fills its place, one drive after the other."""
+    force = np.zeros(len(drives))
+    for _ in range(_SWEEPS):
+        before = force.copy()
+        for i, drive in enumerate(drives):
+            there = float(compliance[i, i])
+            if there <= 0.0:
+                raise ModelError(
+                    f"drive '{drive.name}' moves nothing: both of its bodies are fixed"
+                )
+            rest = float(free[i] - compliance[i] @ force + there * force[i])
+            force[i] = _force(drive, there, rest)
+        change, largest = (np.max(np.abs(f), initial=0.0) for f in (force - before, force))
+        if change <= _SETTLED * largest:
+            return force
+    raise ModelError(
+        "the forces of the drives do not settle: two of them hold the same motion, so that only "
+        "their sum is determined"
+    )
+
+
+def _force(drive: Drive, compliance: float, free: float) -> float:
+    """Return the force F with compliance F + c(F) = w; an open drive only lacks its preload."""
+    from scipy.optimize import brentq
+
+    def excess(force: float) -> float:
+        return compliance * force + drive.compression(force) - free
+
+    if not drive.seats:
+        return free / (compliance + drive.compression(1.0))
+    # F = 0 is on one side of the balance, and w over the compliance on the other
+    end, least = free / compliance, -math.inf
+    if not drive.pulls and drive.preload:
+        least = -drive.preload.force
+    if end == 0.0:
+        return 0.0
+    if end <= least:
+        # the law of asperities never ends: what is left of the contact force is rounding
+        end = least * (1.0 - 1e-12)
+        if excess(end) >= 0.0:
+            return least
+    root: Any = brentq(excess, *sorted((0.0, end)), xtol=1e-14 * abs(end), rtol=1e-14)
+    return float(root)
+
+
+def _state(drive: Drive, port: DrivePort, force: float, q: Array) -> SeatedDrive:
+    contact = force + (drive.preload.force if drive.preload else 0.0)
+    is_open = not drive.pulls and contact <= 0.0
+    stiffness = 0.0 if is_open else drive.tangent(contact)
+    return SeatedDrive(
+        force=force,
+        contact_force=contact,
+        elongation=float(port.vector @ q),
+        stiffness=math.inf if stiffness is None else stiffness,
+        is_open=is_open,
+    )

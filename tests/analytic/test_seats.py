@@ -1,0 +1,220 @@
+"""Seats of drives: contacts against closed forms, equilibrium, masses, and stage files.
+
+Evidence (Stages, tolerances, designs): seats of drives, ball and crossed cylinders
+(Hertz's integrals, by quadrature): approach and pressure 1e-9
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from flexstage.base.errors import ModelError, StageError
+from flexstage.lumped import lumped_system
+from flexstage.stage import Stage, read_stage, write_stage
+from flexstage.stage.designs import design
+from flexstage.stage.seat import (
+    BallSeat,
+    FlatSeat,
+    Preload,
+    Seat,
+    TipSeat,
+    seats_stiffness,
+)
+from flexstage.studies.explore.family import _stroke_left
+from flexstage.system.analysis import analyse
+from flexstage.system.modes import modes
+from flexstage.system.seated_drives import static_drives
+from flexstage.system.statics import drive_stiffness, static_displacements
+
+BALL = BallSeat(radius=10e-3, contact_modulus=115.4e9)
+
+
+@cache
+def stage(*seats: Seat, preload: float = 0.0, spring: float = 0.0, **fields: float) -> Stage:
+    """Return the piezo stage with both drives on these seats."""
+    held = Preload(force=preload, spring_stiffness=spring) if preload else None
+    drives = (replace(d, seats=seats, preload=held, **fields) for d in design("vgtu-piezo").drives)
+    return replace(design("vgtu-piezo"), drives=tuple(drives))
+
+
+@pytest.mark.parametrize("second", [10e-3, 6e-3, 0.5e-3])
+def test_contacts_are_those_of_hertz(second: float) -> None:
+    seat, force = replace(BALL, second_radius=second), 37.0
+    # unknown semi-axes of the ellipse, from the curvatures that the pressure must make
+    scale = 3.0 * force / (4.0 * np.pi * seat.contact_modulus)
+
+    def integral(a: float, b: float, power: float, which: int) -> float:
+        def f(t: float) -> float:  # w = t^2, which removes the root at zero
+            own = (a * a + t * t, b * b + t * t)
+            return 2.0 / np.sqrt(own[0] * own[1]) / own[which] ** power
+
+        size = np.sqrt(a * b)
+        return (
+            quad(f, 0.0, size, epsabs=0, epsrel=1e-12)[0]
+            + quad(f, size, np.inf, epsabs=0, epsrel=1e-12)[0]
+        )
+
+    from scipy.optimize import fsolve
+
+    mean = np.sqrt(seat.radius * second)
+    first = (0.75 * force * mean / seat.contact_modulus) ** (1.0 / 3.0)
+
+    def mismatch(logs: np.ndarray) -> list[float]:
+        a, b = first * np.exp(logs)
+        return [
+            2.0 * scale * integral(a, b, 1.0, k) * r - 1.0
+            for k, r in enumerate((seat.radius, second))
+        ]
+
+    ratio = (second / seat.radius) ** (1.0 / 3.0)
+    logs = (
+        fsolve(mismatch, [-np.log(ratio), np.log(ratio)], xtol=1e-10) if ratio < 1.0 else [0.0] * 2
+    )
+    a, b = first * np.exp(logs)
+    assert seat.approach(force, 0.0) == pytest.approx(scale * integral(a, b, 0.0, 0), rel=1e-9)
+    assert seat.pressure(force) == pytest.approx(1.5 * force / (np.pi * a * b), rel=1e-9)
+
+
+def test_a_ball_approaches_by_the_square_of_its_contact_over_its_radius() -> None:
+    a = (0.75 * 50.0 * 10e-3 / 115.4e9) ** (1.0 / 3.0)
+    assert BALL.approach(50.0, 0.0) == pytest.approx(a**2 / 10e-3, rel=1e-12)
+    assert BALL.stiffness(50.0) == pytest.approx(2.0 * 115.4e9 * a, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "seat", [BALL, FlatSeat(roughness_length=0.72e-6), TipSeat(axial_stiffness=3e7)]
+)
+def test_stiffness_is_the_slope_of_the_law(seat: Seat) -> None:
+    step = 1e-3
+    slope = 2.0 * step / (seat.approach(20.0 + step, 5.0) - seat.approach(20.0 - step, 5.0))
+    assert seat.stiffness(20.0) == pytest.approx(slope, rel=1e-6)
+    assert seat.approach(5.0, 5.0) == 0.0
+    assert seats_stiffness((seat, seat), 20.0) == pytest.approx(0.5 * seat.stiffness(20.0))
+
+
+def test_without_seats_it_is_the_linear_stage_and_its_load_line() -> None:
+    plain = stage()
+    system = lumped_system(plain)
+    state = static_drives(plain, system, {"x": 38e-6})
+    K = system.K + system.drive_springs("in place")[0]
+    q = np.linalg.solve(K, 50e6 * 38e-6 * system.drive("x").vector)
+    assert state.static.q == pytest.approx(q, rel=1e-9, abs=1e-15)
+    # a rigid screw imposes its displacement
+    screws = design("vgtu-mechanical")
+    system = lumped_system(screws)
+    moved = static_drives(screws, system, {"x": 100e-6, "y": 0.0})
+    imposed = static_displacements(system, {"x": 100e-6, "y": 0.0})
+    assert moved.static.q == pytest.approx(imposed.q, rel=1e-9, abs=1e-15)
+
+
+def test_the_stroke_is_of_the_secant_and_the_frequency_of_the_tangent() -> None:
+    """A rough seat without preload has the measured 337 Hz of the study and most of its stroke."""
+    rough = stage(FlatSeat(roughness_length=0.72e-6), preload=0.41)
+    system = lumped_system(rough)
+    bare, low = (modes(system, drives=c, count=1).frequency_hz[0] for c in ("removed", "in place"))
+    k_in = drive_stiffness(system, "x", others="in place")
+    soft = rough.drive("x").mounted.stiffness
+    assert soft == pytest.approx(1.0 / (1.0 / 50e6 + 0.72e-6 / 0.41))
+    # one mode: the square rises by the added stiffness, within what the other modes give way
+    assert low**2 / bare**2 == pytest.approx(1.0 + soft / k_in, rel=0.02)
+    state = static_drives(rough, system, {"x": 38e-6})
+    force = state.drives["x"].force
+    # the balance, with the law written out
+    given = force / 50e6 + 0.72e-6 * np.log((0.41 + force) / 0.41)
+    assert state.drives["x"].elongation + given == pytest.approx(38e-6, rel=1e-9)
+    left = state.drives["x"].elongation / 38e-6
+    assert 0.75 < left < 0.85
+    # the tangent would leave a tenth
+    assert soft / (soft + k_in) < 0.12
+    length = state.drives["x"].elongation
+    share = _stroke_left(rough, {"x": {"x": (length, force)}})
+    assert share["x"] == pytest.approx(left, rel=1e-9)
+
+
+def test_a_drive_lifts_off_where_its_seat_would_pull() -> None:
+    held = stage(BALL, preload=0.24)
+    system = lumped_system(held)
+    state = static_drives(held, system, {"x": -5e-6})
+    assert state.drives["x"].is_open
+    assert state.drives["x"].contact_force == 0.0
+    assert state.drives["x"].force == -0.24
+    # all that is left is the preload that it lacks
+    lacks = np.linalg.solve(system.K, -0.24 * system.drive("x").vector)
+    assert state.static.readings["x"] == pytest.approx(
+        float(system.probe("x").vector @ lacks), rel=1e-2
+    )
+    glued = stage(TipSeat(axial_stiffness=3e7))
+    assert not static_drives(glued, lumped_system(glued), {"x": -5e-6}).drives["x"].is_open
+    # a load that takes the platform away opens it as well
+    away = 2.0 * system.drive("x").vector
+    assert static_drives(held, system, {}, load=away).drives["x"].is_open
+
+
+def test_a_preload_spring_takes_stroke_and_adds_stiffness() -> None:
+    sprung = stage(BALL, preload=50.0, spring=2e6)
+    mounted = sprung.drive("x").mounted
+    chain = 1.0 / (1.0 / 50e6 + 1.0 / BALL.stiffness(50.0))
+    assert mounted.stiffness == pytest.approx(chain + 2e6)
+    assert mounted.stroke == pytest.approx(38e-6 * chain / (chain + 2e6))
+    # small displacements follow the tangent
+    system = lumped_system(sprung)
+    small = static_drives(sprung, system, {"x": 38e-10})
+    K = system.K + system.drive_springs("in place")[0]
+    q = np.linalg.solve(K, mounted.stiffness * mounted.stroke * 1e-4 * system.drive("x").vector)
+    assert small.static.readings["x"] == pytest.approx(
+        float(system.probe("x").vector @ q), rel=1e-4
+    )
+
+
+def test_a_third_of_the_mass_moves_with_the_pushed_body() -> None:
+    heavy = stage(mass=13e-3)
+    system = lumped_system(heavy)
+    assert np.array_equal(system.mass_matrix("removed"), system.M)
+    added = system.mass_matrix("in place") - system.M
+    x = system.drive("x")
+    assert x.ends is not None
+    # the frame does not move: a third of the mass moves along with the pushed end
+    assert not x.ends[1].any()
+    push = np.linalg.lstsq(x.ends[0], np.array([1.0, 0.0]), rcond=None)[0]
+    y = system.drive("y")
+    assert y.ends is not None
+    only_x = added - 13e-3 / 6.0 * sum(
+        e.T @ e for e in (y.ends[0], y.ends[1], y.ends[0] + y.ends[1])
+    )
+    assert push @ only_x @ push == pytest.approx(13e-3 / 3.0, rel=1e-6)
+    f = [
+        modes(lumped_system(s), drives="in place", count=1).frequency_hz[0]
+        for s in (stage(), heavy)
+    ]
+    assert 0.97 < f[1] / f[0] < 0.99
+
+
+def test_analysis_has_the_stroke_on_the_seats_and_the_frequency_of_lift_off() -> None:
+    seated = stage(BALL, preload=50.0)
+    system = lumped_system(seated)
+    table = analyse(seated, system).characteristics
+    x = {r.quantity: r.value for r in table if r.axis == "x"}
+    state = static_drives(seated, system, {"x": 38e-6})
+    assert x["working_displacement"] == state.static.readings["x"]
+    half = 0.5 * x["input_displacement"]
+    expected = x["natural_frequency_hz"] * np.sqrt(2.0 + 50.0 / (x["input_stiffness"] * half))
+    assert x["lift_off_frequency_hz"] == pytest.approx(expected)
+    plain = analyse(stage(), lumped_system(stage())).characteristics
+    assert not {"working_displacement", "lift_off_frequency_hz"} & {r.quantity for r in plain}
+
+
+def test_stage_files_keep_seats_and_refuse_what_cannot_be(tmp_path) -> None:
+    both = stage(BALL, FlatSeat(roughness_length=0.1e-6), preload=50.0, mass=13e-3)
+    write_stage(both, tmp_path / "stage.yaml")
+    text = (tmp_path / "stage.yaml").read_text()
+    assert read_stage(tmp_path / "stage.yaml").drives == both.drives
+    (tmp_path / "stage.yaml").write_text(text.replace("force: 50 N", "force: -50 N"))
+    with pytest.raises(StageError, match="force"):
+        read_stage(tmp_path / "stage.yaml")
+    with pytest.raises(StageError, match="only press: give its 'preload'"):
+        replace(both.drives[0], preload=None)
+    with pytest.raises(ModelError, match="there is no drive 'z'"):
+        static_drives(both, lumped_system(both), {"z": 1e-6})
