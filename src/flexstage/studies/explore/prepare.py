@@ -24,6 +24,7 @@ from flexstage.studies.explore.figures import (
     requirement_of,
     requirements_of,
 )
+from flexstage.studies.explore.neck_widths import read_neck_widths
 from flexstage.studies.explore.optimise.default_requirements import (
     CHECK,
     default_requirements,
@@ -206,7 +207,10 @@ def ready_tolerance(
     """Return the function that runs a tolerance analysis, and the search of tolerances."""
     if request.follow_necks and request.model == "lumped":
         raise ModelError("--follow-necks needs a --model other than lumped")
-    process = scatter_of(request.scatter)
+    process, measured = scatter_of(request.scatter), None
+    if request.widths is not None:
+        measured = read_neck_widths(Path(request.widths), stage)
+        stage, process = measured.applied(stage, process)
     weights = {name: _weight(name, text) for name, text in _pairs(request.cost, "--cost")}
     if request.cost and request.target_yield is None:
         raise ModelError(
@@ -237,7 +241,8 @@ def ready_tolerance(
         choice = None
         if target is not None:
             choice = choose_tolerances(study, target, weights=weights, workers=workers)
-        return replace(study, choice=choice, request=request)
+        notes = study.notes if measured is None else (measured.note(), *study.notes)
+        return replace(study, choice=choice, request=request, notes=notes)
 
     return run
 

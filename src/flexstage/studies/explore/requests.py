@@ -165,6 +165,8 @@ class ToleranceRequest(Request):
     several ("*=0"). Names: neck_common, neck_own, radius, position, thickness, modulus, density,
     temperature, stroke, drive (default: typical scatter of wire erosion).
     """
+    widths: Annotated[str, Written("FILE")] | None = None
+    """Measured necks (columns hinge or drawn, measured, and part): their bias and scatter."""
     require: _Requirements = ()
     """Requirement on a good stage, such as "stroke.x >= 60 um" or "ratio.x = 1.7 +- 1 %"."""
     of: _Figures = ()

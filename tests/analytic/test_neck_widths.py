@@ -1,0 +1,87 @@
+"""Measured necks: bias and scatter of a process, and the tolerance analysis that uses them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexstage.base.errors import ModelError
+from flexstage.stage.designs import design
+from flexstage.studies.explore.neck_widths import read_neck_widths
+from flexstage.studies.explore.prepare import ready_tolerance
+from flexstage.studies.explore.requests import ToleranceRequest
+from flexstage.studies.explore.workers import Workers
+from flexstage.virtual.imperfections import Scatter
+
+STAGE = design("parallelogram")
+
+
+def table(folder: Path, *rows: str) -> Path:
+    path = folder / "necks.csv"
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_bias_and_scatter_of_many_parts_are_those_of_the_process(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    truth = (-30.0, 5.0, 2.0)  # um
+    rows = ["part,drawn [um],measured [um]"]
+    for part in range(400):
+        shift = truth[0] + truth[1] * rng.standard_normal()
+        for _ in range(8):
+            rows.append(f"{part},250,{250.0 + shift + truth[2] * rng.standard_normal():.4f}")
+    widths = read_neck_widths(table(tmp_path, *rows), STAGE)
+    assert widths.bias * 1e6 == pytest.approx(truth[0], abs=3 * 5.0 / 20.0)
+    assert widths.common * 1e6 == pytest.approx(truth[1], rel=0.12)
+    assert widths.individual * 1e6 == pytest.approx(truth[2], rel=0.06)
+
+
+def test_one_part_is_known_but_for_the_uncertainty_of_its_mean(tmp_path: Path) -> None:
+    names = [h.name for h in STAGE.hinges]
+    drawn = [h.profile.neck_thickness for h in STAGE.hinges]
+    off = np.array([-21.0, -19.0, -20.5, -19.5])
+    rows = [f"{n},{1e3 * t + 1e-3 * d:.6f} mm" for n, t, d in zip(names, drawn, off, strict=True)]
+    path = table(tmp_path, "hinge,measured", *rows)
+    widths = read_neck_widths(path, STAGE)
+    assert widths.bias == pytest.approx(-20e-6)
+    assert widths.individual == pytest.approx(np.std(off, ddof=1) * 1e-6)
+    assert widths.common == pytest.approx(widths.individual / 2.0)
+    thinner, scatter = widths.applied(STAGE, Scatter(modulus=0.02))
+    assert thinner.hinges[0].profile.neck_thickness == pytest.approx(drawn[0] - 20e-6)
+    assert (scatter.neck_own, scatter.modulus) == (widths.individual, 0.02)
+
+    request = ToleranceRequest(samples=200, of=("frequency",), model="lumped")
+    plain = ready_tolerance(request, STAGE)(Workers(1), None)
+    measured = ToleranceRequest(samples=200, of=("frequency",), model="lumped", widths=str(path))
+    study = ready_tolerance(measured, STAGE)(Workers(1), None)
+    # stiffness of notches goes with the power 5/2 of their thickness
+    share = study.spreads[0].nominal / plain.spreads[0].nominal
+    assert share == pytest.approx((1.0 - 20e-6 / drawn[0]) ** 1.25, rel=3e-3)
+    assert study.spreads[0].standard_deviation < plain.spreads[0].standard_deviation
+    assert "4 necks were measured, of one part" in study.notes[0]
+    assert "thinner than drawn" in study.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (("hinge,width",), "the header must have the columns"),
+        (("hinge,measured [um]", "nobody,3"), "'nobody' is missing, or no hinge"),
+        (("drawn [um],measured [um]", "250,wide"), "line 2: .*wide"),
+        (("drawn,measured", "250,240"), "line 2: "),
+        (("drawn [um],measured [um]", "250,240"), "at least two necks must"),
+        (("part,drawn [um],measured [um]", "a,250,240"), "of part 'a' must"),
+        (("drawn [um],measured [um]",), "at least two necks must"),
+    ],
+)
+def test_wrong_tables_are_refused_in_a_sentence(
+    tmp_path: Path, rows: tuple[str, ...], message: str
+) -> None:
+    with pytest.raises(ModelError, match=message):
+        read_neck_widths(table(tmp_path, *rows), STAGE)
+
+
+def test_a_bias_that_leaves_no_neck_is_refused(tmp_path: Path) -> None:
+    widths = read_neck_widths(table(tmp_path, "drawn [mm],measured [mm]", "2,1", "2,1"), STAGE)
+    with pytest.raises(ModelError, match="leaves nothing of hinge"):
+        widths.applied(STAGE, Scatter())
