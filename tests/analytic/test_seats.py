@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import quad
 
 from flexstage.base.errors import ModelError, StageError
+from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage import Stage, read_stage, write_stage
 from flexstage.stage.designs import design
@@ -26,7 +27,7 @@ from flexstage.stage.seat import (
 from flexstage.studies.explore.family import _stroke_left
 from flexstage.system.analysis import analyse
 from flexstage.system.modes import modes
-from flexstage.system.seated_drives import static_drives
+from flexstage.system.seated_drives import seat_notes, static_drives
 from flexstage.system.statics import drive_stiffness, static_displacements
 
 BALL = BallSeat(radius=10e-3, contact_modulus=115.4e9)
@@ -204,6 +205,25 @@ def test_analysis_has_the_stroke_on_the_seats_and_the_frequency_of_lift_off() ->
     assert x["lift_off_frequency_hz"] == pytest.approx(expected)
     plain = analyse(stage(), lumped_system(stage())).characteristics
     assert not {"working_displacement", "lift_off_frequency_hz"} & {r.quantity for r in plain}
+
+
+def test_a_linear_model_says_what_stroke_it_has_on_soft_seats() -> None:
+    rough = stage(FlatSeat(roughness_length=0.72e-6), preload=0.41)
+    notes = dynamic_model(rough, lumped_system(rough), hysteresis="none").notes
+    (note,) = [n for n in notes if n.startswith("axis 'x'")]
+    assert "moves the probe by 6.2" in note
+    assert "of the contacts by 53.9" in note
+    for hard in (stage(), stage(TipSeat(axial_stiffness=3e7))):
+        assert not seat_notes(hard, lumped_system(hard))
+
+
+def test_a_dynamic_model_moves_by_what_the_preload_spring_leaves() -> None:
+    sprung = stage(TipSeat(axial_stiffness=3e7), preload=50.0, spring=2e6)
+    system = lumped_system(sprung)
+    model = dynamic_model(sprung, system, hysteresis="none")
+    moved = static_drives(sprung, system, {"x": 38e-6}).static.readings["x"]
+    response = model.simulate({"x": np.full(3, 120.0)})
+    assert response.readings["x"][-1] == pytest.approx(moved, rel=1e-9)
 
 
 def test_stage_files_keep_seats_and_refuse_what_cannot_be(tmp_path) -> None:

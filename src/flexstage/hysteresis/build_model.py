@@ -29,6 +29,7 @@ from flexstage.hysteresis.stack_models import (
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import LOOP_WIDTH
 from flexstage.system import MechanicalSystem, Modes, modes
+from flexstage.system.seated_drives import seat_notes
 from flexstage.system.statics import imposed_shape
 
 # Shortest and longest step [s]; far beyond, powers of the step over a period overflow.
@@ -109,6 +110,8 @@ def dynamic_model(
     drives = []
     for drive, model_drive in zip(stage.drives, model.drives, strict=True):
         source, scale = models.get(drive.name), 1.0
+        if drive.stroke:  # a preload spring takes a part of it
+            scale = (drive.mounted.stroke or 0.0) / drive.stroke
         if isinstance(drive, PiezoStack) and model_drive.hysteresis is not None:
             if isinstance(source, DriveModel):
                 scale = scale_of(model, drive, source)
@@ -133,7 +136,7 @@ def dynamic_model(
         name=stage.name,
         title=stage.title,
         drives=tuple(drives),
-        notes=(*system.validity, *notes, *model.notes),
+        notes=(*system.validity, *seat_notes(stage, system), *notes, *model.notes),
     )
 
 

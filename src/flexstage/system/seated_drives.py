@@ -10,6 +10,7 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.base.short_repr import short_repr
+from flexstage.quantities.units import readable
 from flexstage.stage.drive import Drive, Force
 from flexstage.stage.model import Stage
 from flexstage.system.mechanical import DrivePort, MechanicalSystem
@@ -17,6 +18,8 @@ from flexstage.system.statics import StaticSolution, solve_stiffness, static_sta
 
 # Sweeps over all drives, and the relative change of their forces at which they end.
 _SWEEPS, _SETTLED = 2000, 1e-12
+# Relative error of the stroke of a linear model that is worth a note.
+_NOTABLE = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,6 +116,31 @@ def static_drives(
     return SeatedState(
         drives=states, static=static_state(system, q, {n: s.force for n, s in states.items()})
     )
+
+
+def seat_notes(stage: Stage, system: MechanicalSystem) -> tuple[str, ...]:
+    """Return what a linear model of drives on their seats leaves out, for each axis."""
+    notes = []
+    for axis in system.axes:
+        drives = [stage.drive(name) for name in axis.drives]
+        if all(d.pulls for d in drives):
+            continue
+        strokes = {d.name: d.stroke or 0.0 for d in drives}
+        reading = static_drives(stage, system, strokes).static.readings[axis.probe]
+        added, held = system.drive_springs("in place")
+        push = np.zeros(system.order)
+        for name in strokes:
+            port = system.drive(name)
+            push += (port.stiffness or 0.0) * (port.stroke or 0.0) * port.vector
+        q, _ = solve_stiffness(system.K + added, push[:, None], held)
+        linear = float(system.probe(axis.probe).vector @ q[:, 0])
+        if abs(linear - reading) > _NOTABLE * abs(reading):
+            notes.append(
+                f"axis '{axis.name}': the drives have the stiffness of their seats at the preload; "
+                f"over the stroke this moves the probe by {readable('m', linear)}, the law of the "
+                f"contacts by {readable('m', reading)}"
+            )
+    return tuple(notes)
 
 
 def _forces(drives: list[Drive], compliance: Array, free: Array) -> Array:
