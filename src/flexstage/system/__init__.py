@@ -27,6 +27,8 @@ if TYPE_CHECKING:
         state_space,
         time_response,
     )
+    from flexstage.system.seated_drives import SeatedState, static_drives
+    from flexstage.system.seated_response import SeatedResponse, seated_response
     from flexstage.system.statics import (
         AxisAnalysis,
         StaticSolution,
@@ -51,6 +53,8 @@ __all__ = [
     "ModalDamping",
     "Modes",
     "RayleighDamping",
+    "SeatedResponse",
+    "SeatedState",
     "StateSpace",
     "StaticSolution",
     "SystemBatch",
@@ -65,8 +69,10 @@ __all__ = [
     "load_readings",
     "modes",
     "probe_stiffness",
+    "seated_response",
     "state_space",
     "static_displacements",
+    "static_drives",
     "static_forces",
     "static_loads",
     "time_response",

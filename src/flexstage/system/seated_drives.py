@@ -1,7 +1,7 @@
 """Equilibrium of a stage and its drives on their seats."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from flexstage.base.short_repr import short_repr
 from flexstage.quantities.units import readable
 from flexstage.stage.drive import Drive, Force
 from flexstage.stage.model import Stage
-from flexstage.system.mechanical import DrivePort, MechanicalSystem
+from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.statics import StaticSolution, solve_stiffness, static_state
 
 # Sweeps over all drives, and the relative change of their forces at which they end.
@@ -93,25 +93,20 @@ def static_drives(
     Validity: as the seats and the linear model; the preload is that at rest, without slip and
     without friction of the seats.
     """
-    drives = [d for d in stage.drives if not isinstance(d, Force)]
-    ports = [system.drive(d.name) for d in drives]
+    drives, vectors, K = seated_drives(stage, system)
     names = {d.name for d in drives}
     if unknown := [name for name in displacements if name not in names]:
         system.drive(unknown[0])
         raise ModelError(f"drive '{unknown[0]}' is a pure force, which has no displacement")
-    K = system.K.copy()
-    for drive, port in zip(drives, ports, strict=True):
-        if drive.preload:
-            K += drive.preload.spring_stiffness * np.outer(port.vector, port.vector)
-    vectors = np.array([p.vector for p in ports]).reshape(len(ports), system.order).T
     outer = np.zeros(system.order) if load is None else load
     right = np.column_stack((vectors, outer))
     shapes, _ = solve_stiffness(K, right, np.zeros((system.order, 0)))
     free = np.array([displacements.get(d.name, 0.0) for d in drives]) - vectors.T @ shapes[:, -1]
-    force = _forces(drives, vectors.T @ shapes[:, :-1], free)
+    force = contact_forces(drives, vectors.T @ shapes[:, :-1], free)
     q = shapes[:, :-1] @ force + shapes[:, -1]
     states = {
-        d.name: _state(d, p, float(f), q) for d, p, f in zip(drives, ports, force, strict=True)
+        d.name: _state(d, float(f), float(elongation))
+        for d, f, elongation in zip(drives, force, vectors.T @ q, strict=True)
     }
     return SeatedState(
         drives=states, static=static_state(system, q, {n: s.force for n, s in states.items()})
@@ -143,8 +138,25 @@ def seat_notes(stage: Stage, system: MechanicalSystem) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _forces(drives: list[Drive], compliance: Array, free: Array) -> Array:
-    """Return the forces at which each drive fills its place, one drive after the other."""
+def seated_drives(stage: Stage, system: MechanicalSystem) -> tuple[list[Drive], Array, Array]:
+    """Return the drives that have a displacement, their elongations, and K with preload springs.
+
+    An elongation is a column for a drive, as the vector of its `DrivePort`.
+    """
+    drives = [d for d in stage.drives if not isinstance(d, Force)]
+    vectors = np.array([system.drive(d.name).vector for d in drives])
+    K = system.K.copy()
+    for drive, vector in zip(drives, vectors, strict=True):
+        if drive.preload:
+            K += drive.preload.spring_stiffness * np.outer(vector, vector)
+    return drives, vectors.reshape(len(drives), system.order).T, K
+
+
+def contact_forces(drives: Sequence[Drive], compliance: Array, free: Array) -> Array:
+    """Return the force F of each drive with compliance F + c(F) = w, one drive after the other.
+
+    The compliance is that of what they push on, shape (m, m), and w is `free`, shape (m,).
+    """
     force = np.zeros(len(drives))
     for _ in range(_SWEEPS):
         before = force.copy()
@@ -189,14 +201,14 @@ def _force(drive: Drive, compliance: float, free: float) -> float:
     return float(root)
 
 
-def _state(drive: Drive, port: DrivePort, force: float, q: Array) -> SeatedDrive:
+def _state(drive: Drive, force: float, elongation: float) -> SeatedDrive:
     contact = force + (drive.preload.force if drive.preload else 0.0)
     is_open = not drive.pulls and contact <= 0.0
     stiffness = 0.0 if is_open else drive.tangent(contact)
     return SeatedDrive(
         force=force,
         contact_force=contact,
-        elongation=float(port.vector @ q),
+        elongation=elongation,
         stiffness=math.inf if stiffness is None else stiffness,
         is_open=is_open,
     )
