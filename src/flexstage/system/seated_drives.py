@@ -122,12 +122,12 @@ def seat_notes(stage: Stage, system: MechanicalSystem) -> tuple[str, ...]:
             continue
         strokes = {d.name: d.stroke or 0.0 for d in drives}
         reading = static_drives(stage, system, strokes).static.readings[axis.probe]
-        added, held = system.drive_springs("in place")
+        added, constraints = system.drive_springs("in place")
         push = np.zeros(system.order)
         for name in strokes:
             port = system.drive(name)
             push += (port.stiffness or 0.0) * (port.stroke or 0.0) * port.vector
-        q, _ = solve_stiffness(system.K + added, push[:, None], held)
+        q, _ = solve_stiffness(system.K + added, push[:, None], constraints)
         linear = float(system.probe(axis.probe).vector @ q[:, 0])
         if abs(linear - reading) > _NOTABLE * abs(reading):
             notes.append(

@@ -89,8 +89,8 @@ def seated_response(
             )
     start = static_drives(stage, system, {name: float(w[0]) for name, w in inputs.items()})
     drives, vectors, K = seated_drives(stage, system)
-    held = replace(system, K=K)  # a preload spring belongs to what the drives push on
-    bare = modes(held, drives="removed", count=None)
+    sprung = replace(system, K=K)  # a preload spring belongs to what the drives push on
+    bare = modes(sprung, drives="removed", count=None)
     shapes, omega = bare.shapes, bare.omega
     push, damping = shapes.T @ vectors, 2.0 * bare.damping_ratio * omega
     together = modes(system, drives="in place", count=_RESOLVED).frequency_hz[-1]
