@@ -165,14 +165,13 @@ def print_measurement(
     from flexstage.quantities.quantity import value_and_uncertainty
     from flexstage.quantities.table import Column
     from flexstage.report.measurement import stroke_ranges
-    from flexstage.report.tables import column_title
+    from flexstage.report.tables import column_group, column_title
 
-    columns = list(result.references)
-    groups = {c: "published" for c in columns if c.startswith("published")}
+    # simulated figures have no differences
+    columns = [c for c in result.references if any(c in row.differences for row in result.rows)]
     main_columns = ("published-measured", *columns[-1:])
     titles = [
-        Column(column_title(c), "figures", groups.get(c, ""), c not in main_columns)
-        for c in columns
+        Column(column_title(c), "figures", column_group(c), c not in main_columns) for c in columns
     ]
     rows = []
     units = shown_units(row.figure for row in result.rows)

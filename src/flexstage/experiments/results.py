@@ -17,6 +17,7 @@ from flexstage.quantities.characteristic import (
     Characteristics,
     MeasuredCharacteristic,
     in_order,
+    kind_of,
     one_of_each,
 )
 from flexstage.stage import Stage
@@ -151,6 +152,7 @@ class PlanResult(Result):
             **picked(figure, "quantity", "axis", "value", "unit", "uncertainty"),
             **picked(figure, "degrees_of_freedom", "interval=estimate.interval"),
             "origin": self.origin,
+            "kind": kind_of(figure),
             "step": figure.test,
             "note": f"{figure.note}, drives in place".lstrip(", ") if in_place else figure.note,
             "published": [picked(row, "origin", "value") for row in published],

@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, fields
-from typing import Self
+from typing import Literal, Self, get_args
 
 from flexstage.base.choose import did_you_mean, has_no, nearest, unknown
 from flexstage.base.errors import ModelError
@@ -32,6 +32,13 @@ ORIGINS: tuple[str, ...] = (
     "virtual",
 )
 
+#: What a figure is: measured on a real bench, or by simulated instruments; computed by a model
+#: that was fitted to the published figure, or was not; or an input from a data sheet or assumed.
+Kind = Literal["measured", "simulated", "fitted", "predicted", "given"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+# what every model takes from the description or from a data sheet
+_INPUTS = frozenset(("input_displacement", "width", "height", "thickness"))
 
 #: Axis of rows that belong to the whole stage.
 WHOLE_STAGE = "stage"
@@ -44,8 +51,8 @@ class Characteristic:
     Raises
     ------
     ModelError
-        The quantity or the origin is unknown, the unit is not that of the quantity, or the
-        uncertainty is negative.
+        The quantity or the origin is unknown, the unit is not that of the quantity, the
+        uncertainty is negative, or a figure that is not published is called fitted.
     """
 
     quantity: str
@@ -64,6 +71,8 @@ class Characteristic:
     """Condition or remark that belongs to the value."""
     degrees_of_freedom: float | None = None
     """Degrees of freedom of the uncertainty; None if infinite, or without uncertainty."""
+    fitted: bool = False
+    """True for a published figure that dimensions or drives of the description were fitted to."""
 
     def __post_init__(self) -> None:
         if self.quantity not in QUANTITIES:
@@ -77,6 +86,13 @@ class Characteristic:
             raise ModelError(
                 f"the uncertainty of {self.quantity} must be 0 or more, got {self.uncertainty!r}"
             )
+        if self.fitted and not self.published:
+            raise ModelError(f"only a published figure can be fitted to, got one of {self.origin}")
+
+    @property
+    def published(self) -> bool:
+        """True for a figure of a publication."""
+        return self.origin.startswith("published")
 
     @property
     def failing(self) -> str:
@@ -129,7 +145,7 @@ class Characteristic:
         '0.09'
         """
         quantity = quantity or display(self.quantity)
-        if self.origin.startswith("published"):
+        if self.published:
             return f"{self.value * quantity.factor:.10g}"
         plain = quantity.text(self.value)
         if self.uncertainty and abs(self.value) >= quantity.zero:
@@ -336,7 +352,7 @@ class Characteristics(tuple[Characteristic, ...]):
         dict of str to list
             quantity, axis, origin, value, unit, uncertainty and note.
         """
-        names = [f.name for f in fields(Characteristic)]
+        names = [f.name for f in fields(Characteristic) if f.name != "fitted"]
         return {name: [getattr(row, name) for row in self] for name in names}
 
 
@@ -349,9 +365,47 @@ def shown_units(rows: Iterable[Characteristic]) -> dict[str, Quantity]:
     largest: dict[str, float] = {}
     for row in rows:
         size = max(abs(row.value), row.uncertainty or 0.0)
-        size = math.inf if row.origin.startswith("published") else size
+        size = math.inf if row.published else size
         largest[row.quantity] = max(size, largest.get(row.quantity, 0.0))
     return {quantity: display(quantity).fitting(size) for quantity, size in largest.items()}
+
+
+def fitted_to(figure: Characteristic, references: Iterable[Characteristic]) -> tuple[str, ...]:
+    """Return the origins of references that the model of a computed figure was fitted to."""
+    if figure.published or figure.origin in ("measured", "virtual"):
+        return ()
+    key = (figure.quantity, figure.axis)
+    return tuple(r.origin for r in references if r.fitted and (r.quantity, r.axis) == key)
+
+
+def kind_of(figure: Characteristic, references: Iterable[Characteristic] = ()) -> Kind:
+    """Return what a figure is, next to references that a model may have been fitted to.
+
+    Examples
+    --------
+    >>> both = {"quantity": "resolution", "axis": "x", "unit": "m"}
+    >>> printed = Characteristic(**both, origin="published-fem", value=1.55e-7, fitted=True)
+    >>> ours = Characteristic(**both, origin="lumped", value=1.553e-7)
+    >>> kind_of(printed), kind_of(ours), kind_of(ours, [printed])
+    ('predicted', 'predicted', 'fitted')
+    """
+    if figure.origin == "virtual":
+        return "simulated"
+    if figure.origin in ("measured", "published-measured"):
+        return "measured"
+    if figure.quantity in _INPUTS:
+        return "given"
+    return "fitted" if fitted_to(figure, references) else "predicted"
+
+
+def comparable(figure: Characteristic, reference: Characteristic) -> bool:
+    """Return whether two figures are like things, so that their difference means something.
+
+    It does for two of the same kind, and for a prediction and a measurement; but not for a figure
+    and one that it was fitted to, nor for a simulated one and any other.
+    """
+    kinds = {kind_of(figure, (reference,)), kind_of(reference, (figure,))}
+    return "fitted" not in kinds and (len(kinds) == 1 or kinds == {"measured", "predicted"})
 
 
 def in_order(figures: Iterable[MeasuredCharacteristic]) -> tuple[MeasuredCharacteristic, ...]:

@@ -4,9 +4,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from flexstage.base.choose import listed
 from flexstage.base.lazy import data_frame
 from flexstage.base.short_repr import short_repr
-from flexstage.quantities.characteristic import ORIGINS, Characteristic, shown_units
+from flexstage.quantities.characteristic import (
+    ORIGINS,
+    Characteristic,
+    comparable,
+    fitted_to,
+    kind_of,
+    shown_units,
+)
 from flexstage.quantities.quantity import QUANTITIES, Quantity, display
 from flexstage.quantities.table import Table, table
 
@@ -21,11 +29,15 @@ MODEL_WORDS: Mapping[str, str] = {
     "superelement-3d": "finite elements in 3D, condensed",
     "solid": "finite elements in 3D of the whole",
 }
+#: Names of published origins in tables, below or after the word "published".
+PUBLISHED_WORDS: Mapping[str, str] = {
+    "published-analytic": "analytic",
+    "published-fem": "FEM",
+    "published-measured": "measured",
+}
 # names of columns in a document without an explanation of them
 _TITLES = {
-    "published-analytic": "published, analytic",
-    "published-fem": "published, FEM",
-    "published-measured": "published, measured",
+    **{origin: f"published, {word}" for origin, word in PUBLISHED_WORDS.items()},
     "virtual": "virtual measurement",
     **MODEL_WORDS,
 }
@@ -55,13 +67,23 @@ class ComparisonRow:
     def difference_percent(self, column: str, reference: str) -> float | None:
         """Return the difference of a column from a reference column, in percent of the reference.
 
-        None where one is missing, or is 0 except for rounding.
+        None where one is missing, or is 0 except for rounding, or where they are not `comparable`.
         """
+        cell, other = self.cells.get(column), self.cells.get(reference)
+        if cell is not None and other is not None and not comparable(cell, other):
+            return None
         values = self.value(column), self.value(reference)
         # a printed zero is an effect that the model neglects, not a difference of 100 %
         if any(v is not None and abs(v) < display(self.quantity).zero for v in values):
             return None
         return difference_percent(*values)
+
+    @property
+    def computed_kind(self) -> str:
+        """Kind of its computed figures, and what they were fitted to; empty without any."""
+        cells = self.cells.values()
+        computed = (c for c in cells if c.origin in MODEL_WORDS)
+        return next((kind_text(cell, cells) for cell in computed), "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,6 +156,14 @@ class Comparison:
     def models(self) -> tuple[str, ...]:
         """Columns of ours, without variants of a model."""
         return tuple(column for column in self.ours if column in ORIGINS)
+
+
+def kind_text(figure: Characteristic, references: Iterable[Characteristic] = ()) -> str:
+    """Return the kind of a figure in words, with the published figures that it was fitted to."""
+    references = tuple(references)
+    titles = listed(PUBLISHED_WORDS[origin] for origin in fitted_to(figure, references))
+    kind = kind_of(figure, references)
+    return f"{kind} to {titles}" if titles else kind
 
 
 def difference_percent(value: float | None, reference: float | None) -> float | None:

@@ -19,7 +19,7 @@ from flexstage.quantities.table import Cell, Table, table
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.tracking import draw_loop
-from flexstage.report.tables import MANUFACTURE, percent, published_loop
+from flexstage.report.tables import MANUFACTURE, percent
 from flexstage.studies.measurement import MeasurementComparison
 
 if TYPE_CHECKING:
@@ -39,6 +39,10 @@ _MAIN = ("output_displacement", _RATIO, "max_stress", "natural_frequency_hz")
 #: Origins of published values.
 _ANALYTIC, _FEM, _MEASURED = "published-analytic", "published-fem", "published-measured"
 _PUBLISHED_TITLES = {_FEM: "published FEM", _MEASURED: "published, measured"}
+_DIFFERENCE_TITLES = {
+    _FEM: "difference to published FEM",
+    _MEASURED: "prediction error, to measured",
+}
 #: A model that differs more from the measurement does not reproduce it [%].
 _REPRODUCED_WITHIN = 5.0
 
@@ -125,7 +129,13 @@ def summary(study: "Study") -> tuple[str, ...]:
     if not study.comparison.published:
         return tuple(_description(study))
     agreement = _Agreement(study=study, best=best_model(study))
-    sentences = (agreement.with_fem(), agreement.with_measurement(), agreement.missing())
+    sentences = (
+        agreement.fitted(),
+        agreement.with_fem(),
+        agreement.with_measurement(),
+        _simulated_loops(study),
+        agreement.missing(),
+    )
     return tuple(s for s in sentences if s)
 
 
@@ -180,14 +190,22 @@ def _main_figures(study: "Study") -> Table | None:
     model = best_model(study)
     published = [c for c in _PUBLISHED_TITLES if c in study.comparison.published]
     quantities = _MAIN if published else (*_MAIN, "safety_factor")
-    titles = [_PUBLISHED_TITLES[c] for c in published]
-    heads = ["Quantity", "Axis", *titles, f"computed, {model_name(model)}"]
-    heads += [f"difference to {title}" for title in titles]
+    displayed = [
+        row
+        for row in _rows(study, quantities)
+        if model in row.cells and (set(published) & set(row.cells) or not published)
+    ]
+    # a column of figures that are all fitted to has no difference
+    compared = [
+        c for c in published if any(r.difference_percent(model, c) is not None for r in displayed)
+    ]
+    heads = ["Quantity", "Axis", *(_PUBLISHED_TITLES[c] for c in published)]
+    heads += [f"computed, {model_name(model)}"]
+    heads += ["<kind"] if published else []
+    heads += [_DIFFERENCE_TITLES[c] for c in compared]
     rows: list[tuple[str | Cell, ...]] = []
-    for row in _rows(study, quantities):
-        cell = row.cells.get(model)
-        if cell is None or not (set(published) & set(row.cells) or not published):
-            continue
+    for row in displayed:
+        cell = row.cells[model]
         unit = display(row.quantity)
         references = []
         for c in published:
@@ -195,25 +213,17 @@ def _main_figures(study: "Study") -> Table | None:
             mark = " †" if misprinted else ""
             references.append(f"{row.cells[c].text(unit)}{mark}" if c in row.cells else "–")
         computed = Cell(cell.text(unit), mark="ours", failing=cell.failing)
-        differences = (percent(row.difference_percent(model, c)) or "–" for c in published)
-        rows.append((unit.heading, row.axis, *references, computed, *differences))
-    if len(published) == len(_PUBLISHED_TITLES):
-        rows += _loop_rows(study)
+        kind = [row.computed_kind] if published else []
+        differences = (percent(row.difference_percent(model, c)) or "–" for c in compared)
+        rows.append((unit.heading, row.axis, *references, computed, *kind, *differences))
     misprints = [m for axis in study.stage.axes if (m := _misprint(study, _FEM, axis.name))]
     foot = f" † As printed; {misprints[0].text}." if misprints else ""
+    if any(row.cells[c].fitted for row in displayed for c in published if c in row.cells):
+        foot = (
+            " A figure that was fitted to a published one has no difference from it; that from a "
+            f"measured one, to which it was not fitted, is the error of a prediction.{foot}"
+        )
     return table(f"Main figures of the stage.{foot}", heads, rows) if rows else None
-
-
-def _loop_rows(study: "Study") -> Iterator[tuple[str | Cell, ...]]:
-    """Yield the reduction of each hysteresis loop by the inverse model, simulated."""
-    for axis, experiment in study.experiments.items():
-        measured = published_loop(study.characteristics, axis)[-1]
-        if measured is None:
-            continue
-        simulated = f"{experiment.runs[0].reduction_percent:.1f} (simulated)"
-        # no difference: the two are of different loops
-        title = "Loop reduction by inverse [%]"
-        yield (title, axis, "–", f"{measured:.1f}", Cell(simulated, mark="ours"), "–", "–")
 
 
 def _rows(study: "Study", quantities: Iterable[str] = _MAIN) -> list[ComparisonRow]:
@@ -266,6 +276,20 @@ class _Agreement:
     best: str
     """The most complete model."""
 
+    def fitted(self) -> str:
+        """Return a sentence on figures that the geometry was fitted to; empty without any."""
+        quantities = dict.fromkeys(
+            display(row.quantity).label.lower()
+            for row in self._comparable(_FEM)
+            if _FEM in row.cells and row.cells[_FEM].fitted
+        )
+        if not quantities:
+            return ""
+        return (
+            f"Fitted: the geometry, to {listed(quantities)} of the published finite elements. That "
+            "these agree shows consistency and predicts nothing."
+        )
+
     def with_fem(self) -> str:
         """Return a sentence on the published finite elements; empty without a common quantity."""
         nearest = self._largest_difference(self.best, _FEM)
@@ -287,23 +311,7 @@ class _Agreement:
                 sentence += (
                     f" and within {abs(difference):.1f} % ({model_name('lumped')}; {_label(row)})"
                 )
-        return f"{sentence}{self._loop_clause()}."
-
-    def _loop_clause(self) -> str:
-        """Return a clause on the hysteresis loops of which a reduction is published."""
-        reductions = {
-            axis: (experiment.runs[0].reduction_percent, measured)
-            for axis, experiment in self.study.experiments.items()
-            if (measured := published_loop(self.study.characteristics, axis)[-1]) is not None
-        }
-        if not reductions:
-            return ""
-        simulated = listed(f"{value:.1f} % in {axis}" for axis, (value, _) in reductions.items())
-        measured = listed(f"{value:.1f} %" for _, value in reductions.values())
-        return (
-            f"; the Bouc-Wen inverse narrows the simulated hysteresis loop by {simulated} "
-            f"(published, measured: {measured})"
-        )
+        return f"{sentence}."
 
     def with_measurement(self) -> str:
         """Return a sentence on the published measurement; empty without a common quantity."""
@@ -317,7 +325,8 @@ class _Agreement:
                 parts.append(f"{label} within {abs(computed[0]):.1f} %{fem}")
         if not parts:
             return ""
-        return f"Against the published measurement: {listed(parts)}; {model_name(self.best)}."
+        fitted = "; its geometry is fitted to the published FEM" if self.fitted() else ""
+        return f"Prediction of the measurement: {listed(parts)}; {model_name(self.best)}{fitted}."
 
     def missing(self) -> str:
         """Return a sentence on published values that the models do not reproduce."""
@@ -383,6 +392,18 @@ class _Agreement:
             if (value := row.difference_percent(column, reference)) is not None
         ]
         return max(differences, key=lambda pair: abs(pair[0]), default=None)
+
+
+def _simulated_loops(study: "Study") -> str:
+    """Return a sentence on the hysteresis loops of the simulated stage; empty without any."""
+    reductions = listed(
+        f"{experiment.runs[0].reduction_percent:.1f} % in {axis}"
+        for axis, experiment in study.experiments.items()
+    )
+    if not reductions:
+        return ""
+    inverse = "the Bouc-Wen inverse narrows the hysteresis loop"
+    return f"Simulated, not measured: {inverse} by {reductions}."
 
 
 def _label(row: ComparisonRow) -> str:
@@ -459,7 +480,7 @@ def measured(study: "Study") -> str:
         values = [
             f"{display(row.quantity).label.lower()} of {row.axis} "
             f"{row.cells[origin].text(display(row.quantity))} {display(row.quantity).shown_unit} "
-            f"({_model_difference(row.difference_percent(best, origin))})"
+            f"(prediction {percent(row.difference_percent(best, origin)) or 'none'})"
             for row in study.comparison.rows
             if row.quantity in ("output_displacement", "natural_frequency_hz")
             and origin in row.cells
@@ -470,10 +491,6 @@ def measured(study: "Study") -> str:
     if isinstance(study.virtual, MeasurementComparison):
         parts.append("The simulated measurement has a report of its own.")
     return " ".join(parts) or "No measurement."
-
-
-def _model_difference(value: float | None) -> str:
-    return "no model" if value is None else f"model {percent(value)}"
 
 
 def traditional(study: "Study") -> str:

@@ -15,7 +15,7 @@ from flexstage.quantities.section import Bullets, Content, Definitions, Picture,
 from flexstage.quantities.table import Cell, Column, Table, table
 from flexstage.quantities.units import readable
 from flexstage.report.page import page_html
-from flexstage.report.tables import column_title
+from flexstage.report.tables import column_group, column_title
 from flexstage.studies.measurement import MeasuredRow, MeasurementComparison
 
 #: Figures of an axis: symbol, name, field for both directions; upward and downward have suffixes.
@@ -162,8 +162,7 @@ def _figures(result: MeasurementComparison) -> Iterator[Content]:
     here = "simulated measurement" if simulated else "measured here"
     heads = [Column("value", group=here), Column(_SPREAD, group=here)]
     for origin in references:
-        group = "published" if origin.startswith("published") else "computed here"
-        heads.append(Column(column_title(origin), group=group))
+        heads.append(Column(column_title(origin), group=column_group(origin)))
     of = (c for row in result.rows for c in (row.figure, *row.references.values()))
     units = shown_units(of)
     rows = (_cells(row, references, units[row.figure.quantity]) for row in result.rows)

@@ -218,12 +218,14 @@ def hysteresis_section(study: "Study") -> Iterator[Content]:
 
 
 def _deviations(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> str:
-    words = []
+    words, printed = [], []
     for axis, experiment in experiments.items():
         published = measured_value(stage.published, "hysteresis_deviation", axis)
-        printed = "" if published is None else f" (published: {_UM * published:.10g} µm)"
-        words.append(f"{_UM * experiment.deviation:.2f} µm in {axis}{printed}")
-    return f"Largest deviation of the identified Bouc-Wen model from the loop: {', '.join(words)}."
+        printed += [] if published is None else [f"{_UM * published:.10g} µm in {axis}"]
+        words.append(f"{_UM * experiment.deviation:.2f} µm in {axis}")
+    sentence = "Largest deviation of the identified Bouc-Wen model from the loop"
+    measured = f" Published, measured on the real stage: {', '.join(printed)}." if printed else ""
+    return f"{sentence}, simulated: {', '.join(words)}.{measured}"
 
 
 def _loops(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> Table:
@@ -241,6 +243,7 @@ def _loops(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> Table:
             )
             for run in experiment.runs
         ]
+    for axis in experiments:
         width, compensated_width, reduction = published_loop(stage.published, axis)
         if width is not None:
             rows.append(_loop(f"{axis}, published, open loop", width, None, None))
@@ -248,12 +251,13 @@ def _loops(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> Table:
             title = f"{axis}, published, inverse of Bouc-Wen"
             rows.append(_loop(title, compensated_width, reduction, None))
     heads = (
-        Column("", "title"), "loop width [µm]", "reduction [%]", "error [nm rms]",
+        Column("", "title"), "<kind", "loop width [µm]", "reduction [%]", "error [nm rms]",
         "largest error [nm]",
     )  # fmt: skip
     caption = (
         "Loop widths and errors for a reference over 99 % of the stroke; the loop over the full "
-        "range is slightly wider. Published rows are measurements of the publication."
+        "range is slightly wider. The published rows are of real stacks: a simulation neither "
+        "confirms nor contradicts them."
     )
     return table(caption, heads, rows)
 
@@ -263,6 +267,7 @@ def _loop(
 ) -> tuple[str, ...]:
     return (
         title,
+        "measured" if errors is None else "simulated",
         f"{_UM * width:.2f}",
         "" if reduction is None else f"{reduction:.1f}",
         "" if errors is None else number(1e3 * _UM * errors.rms, 3),
@@ -318,7 +323,7 @@ def _resonances(measurement: MeasurementComparison) -> Iterator[Picture]:
         axis = result.test.axis
         published_hz = measured_value(published, "natural_frequency_hz", axis)
         agree = (
-            " The simulated stage is set to the published value, so both agree."
+            " The simulated stage is set to the published value: that both agree shows nothing."
             if published_hz is not None
             else ""
         )

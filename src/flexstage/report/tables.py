@@ -6,8 +6,13 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Literal
 
 from flexstage.hinges import Profile
-from flexstage.quantities.characteristic import Characteristic, measured_value
-from flexstage.quantities.comparison import Comparison, ComparisonRow, shared_rows
+from flexstage.quantities.characteristic import Characteristic, kind_of, measured_value
+from flexstage.quantities.comparison import (
+    PUBLISHED_WORDS,
+    Comparison,
+    ComparisonRow,
+    shared_rows,
+)
 from flexstage.quantities.quantity import Quantity, display, number
 from flexstage.quantities.section import Content, Picture
 from flexstage.quantities.table import Cell, Column, Table, table
@@ -103,14 +108,11 @@ LUMPED_ALONE_NOTE = (
 #: The same for a command with other models.
 LUMPED_NOTE = f"{LUMPED_ALONE_NOTE}; --model superelement gives those, but takes longer"
 
-_TITLES = {
-    "published-analytic": "analytic",
-    "published-fem": "FEM",
-    "published-measured": "measured",
-}
 #: Quantities that also depend on manufacture: no model of the ideal geometry is compared with them.
 MANUFACTURE = frozenset(("straightness", "straightness_out_of_plane", "linearity"))
 _LABELS = (Column("Quantity", "long words"), "<Axis")
+_HERE = "computed here, by model"
+_KIND = Column("kind", "long words", group=_HERE)
 _SPREAD_NOTE = (
     "±: of a model the estimated error of the mesh, or, of a stress without an estimate, the "
     "difference between the elements at its point; of a measurement the standard uncertainty."
@@ -139,7 +141,17 @@ def value_text(value: float, dimension: str, digits: int = 5) -> str:
 
 def column_title(column: str) -> str:
     """Return the title of a column of a comparison, an origin or a variant."""
-    return _TITLES.get(column, column)
+    return PUBLISHED_WORDS.get(column, column)
+
+
+def column_group(column: str) -> str:
+    """Return the title above an origin, with the kind of figures of a publication.
+
+    A measured one has it in its name.
+    """
+    if column.startswith("published"):
+        return "published" if column == "published-measured" else "published, predicted"
+    return {"measured": "measured here", "virtual": "simulated"}.get(column, _HERE)
 
 
 def percent(value: float | None) -> str:
@@ -170,7 +182,8 @@ def characteristics_table(
 ) -> Table | None:
     """Return quantities by all origins side by side, the best column of ours highlighted.
 
-    A row that is the same for all axes is given once. None without a value of ours.
+    A row that is the same for all axes is given once. Next to published values each row states the
+    kind of its computed figures. None without a value of ours.
     """
     rows = [
         row
@@ -182,16 +195,21 @@ def characteristics_table(
     ours = comparison.best
     others = [column for column in comparison.ours if column != ours]
     heads, marks = [], {}
+    published = [c for c in comparison.published if any(c in row.cells for row in rows)]
     for column in comparison.columns:
         if any(column in row.cells for row in rows):
-            group = "published" if column in comparison.published else "computed here, by model"
+            group = column_group(column)
             heads.append(Column(column_title(column), group=group, spare=column in others))
             marks[column] = "ours" if column == ours else "variant" if column in others else ""
     lines = []
     units = comparison.units
+    if published:
+        heads.insert(len(published), _KIND)
     for row in rows:
         quantity = units[row.quantity]
-        values = (_value(row, column, quantity, mark) for column, mark in marks.items())
+        values = [_value(row, column, quantity, mark) for column, mark in marks.items()]
+        if published:
+            values.insert(len(published), Cell(row.computed_kind or "–"))
         lines.append((*_label(row, quantity), *values))
     spread = any(isinstance(cell, Cell) and cell.small for line in lines for cell in line[2:])
     return table(
@@ -202,9 +220,16 @@ def characteristics_table(
 def differences_table(comparison: Comparison) -> Table | None:
     """Return the differences of each model here from each published origin.
 
-    None without published values.
+    A figure that was fitted to the published one has none. None without any difference.
     """
-    models = comparison.models
+    rows = [
+        row
+        for row in shared_rows(comparison.rows)
+        if row.quantity not in MANUFACTURE and row.quantity != "input_displacement"
+    ]  # the latter is an input of every model
+    pairs = [(c, m) for c in comparison.published for m in comparison.models]
+    compared = {c for c, m in pairs for row in rows if row.difference_percent(m, c) is not None}
+    pairs = [pair for pair in pairs if pair[0] in compared]
     # the longest name may be broken, so that the table fits the page
     heads = [
         Column(
@@ -212,23 +237,21 @@ def differences_table(comparison: Comparison) -> Table | None:
             group=f"to {column_title(c)}",
             spare=m != comparison.best,
         )
-        for c in comparison.published
-        for m in models
+        for c, m in pairs
     ]
     lines = []
-    for row in shared_rows(comparison.rows):
-        if row.quantity in MANUFACTURE or row.quantity == "input_displacement":
-            continue  # the latter is an input of every model
-        signed = [
-            percent(row.difference_percent(m, c)).removesuffix(" %")
-            for c in comparison.published
-            for m in models
-        ]
+    for row in rows:
+        signed = [percent(row.difference_percent(m, c)).removesuffix(" %") for c, m in pairs]
         if any(signed):
             label = _label(row, replace(display(row.quantity), shown_unit=""))
-            lines.append((*label, *signed))
-    caption = "Difference of each model here from each published origin [% of the published value]."
-    return table(caption, (*_LABELS, *heads), lines) if lines else None
+            lines.append((*label, row.computed_kind, *signed))
+    caption = (
+        "Difference of each model here from each published origin [% of the published value]; to "
+        "measured figures it is the error of a prediction. A figure that was fitted to the "
+        "published one has no difference from it."
+    )
+    kind = replace(_KIND, group="computed here")
+    return table(caption, (*_LABELS, kind, *heads), lines) if lines else None
 
 
 def published_table(comparison: Comparison) -> Table | None:
@@ -259,7 +282,8 @@ def published_table(comparison: Comparison) -> Table | None:
             lines.append((*cells, "; ".join(dict.fromkeys(filter(None, remarks)))))
     caption = (
         "Published values as printed, and the differences between their columns [% of the second "
-        "one]."
+        "one]. Analytic and FEM figures are predicted by the publication; input displacements are "
+        "given."
     )
     return table(caption, heads, lines)
 
@@ -361,5 +385,6 @@ def _value(
             "axis": row.axis,
             "column": column,
             "value": cell.value,
+            "kind": kind_of(cell, row.cells.values()),
         },
     )

@@ -12,6 +12,7 @@ from flexstage.quantities.characteristic import (
     Characteristic,
     Characteristics,
     MeasuredCharacteristic,
+    comparable,
 )
 from flexstage.quantities.quantity import display
 from flexstage.quantities.units import readable
@@ -38,7 +39,7 @@ class MeasuredRow:
     references: Mapping[str, Characteristic]
     """References by origin."""
     differences: Mapping[str, Difference]
-    """Differences of the figure from the references, by origin."""
+    """Differences of the figure from the references that it is comparable with, by origin."""
     assumed: bool = False
     """True for a figure of a simulated stage that is an assumption."""
 
@@ -127,14 +128,17 @@ def compare_with_references(
     references: Characteristics,
     skipped_models: Mapping[str, str] | None = None,
 ) -> MeasurementComparison:
-    """Compare measurements with characteristics of models or publications."""
+    """Compare measurements with characteristics of models or publications.
+
+    Simulated ones have no differences: the simulated stage is made of such figures.
+    """
     rows = []
     present: dict[str, None] = {}
     virtual = stage if characterisation.origin == "virtual" else None
     assumed = {} if virtual is None else assumed_figures(virtual)
     for measured in characterisation.figures:
         note = assumed.get((measured.quantity, measured.axis))
-        figure = measured if note is None else replace(measured, note=note)
+        figure = replace(measured, origin=characterisation.origin, note=note or measured.note)
         by_origin: dict[str, Characteristic] = {}
         for row in references:
             if (row.quantity, row.axis) != (figure.quantity, figure.axis):
@@ -148,7 +152,11 @@ def compare_with_references(
             MeasuredRow(
                 figure=figure,
                 references=by_origin,
-                differences={origin: _difference(figure, row) for origin, row in by_origin.items()},
+                differences={
+                    origin: _difference(figure, row)
+                    for origin, row in by_origin.items()
+                    if comparable(figure, row)
+                },
                 assumed=note is not None,
             )
         )

@@ -1,17 +1,25 @@
 """Parts of a study as plain data; `results.schema.json` describes `results.json`."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from flexstage.files.plain import json_text, picked, plain
-from flexstage.quantities.characteristic import Characteristic
+from flexstage.quantities.characteristic import Characteristic, fitted_to, kind_of
 from flexstage.system import Analysis, Modes, load_readings
 from flexstage.system.coupled_axes import CoupledAxes
 
 
-def characteristic_row(row: Characteristic) -> dict[str, Any]:
-    """Return a characteristic as a row of the table, with the violated criterion."""
+def characteristic_row(
+    row: Characteristic, published: Iterable[Characteristic] = ()
+) -> dict[str, Any]:
+    """Return a characteristic as a row of the table, with its kind and the violated criterion.
+
+    It names the origins of the published figures that it was fitted to.
+    """
+    published = tuple(published)
     fields = ("quantity", "axis", "origin", "value", "unit", "uncertainty", "note", "failing")
-    return picked(row, *fields)
+    kind = {"kind": kind_of(row, published), "fitted_to": list(fitted_to(row, published))}
+    return picked(row, *fields) | kind
 
 
 def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str, Any]:
@@ -23,7 +31,9 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
     readings = load_readings(analysis.system) if _is_constrained(analysis) else {}
     out: dict[str, Any] = {
         "model": analysis.system.model,
-        "characteristics": [characteristic_row(row) for row in analysis.characteristics],
+        "characteristics": [
+            characteristic_row(row, analysis.stage.published) for row in analysis.characteristics
+        ],
         "modes": {condition: _mode_rows(modes) for condition, modes in analysis.modes.items()},
         **picked(analysis, "hinge_stress"),
         "loads": {

@@ -113,7 +113,9 @@ class Study(Result):
     def data(self) -> dict[str, Any]:
         return {
             **picked(self.stage, "stage=name", "title", "notes"),
-            "characteristics": [characteristic_row(row) for row in self.characteristics],
+            "characteristics": [
+                characteristic_row(row, self.stage.published) for row in self.characteristics
+            ],
             "models": {
                 name: _without_table(a)
                 | self.runs.get(name, ModelRun(analysis=a)).beyond_analysis()

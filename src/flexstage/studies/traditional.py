@@ -13,7 +13,7 @@ from flexstage.base.choose import listed
 from flexstage.base.errors import ModelError
 from flexstage.base.short_repr import short_repr
 from flexstage.files.plain import picked, plain
-from flexstage.quantities.characteristic import measured_value
+from flexstage.quantities.characteristic import Kind, measured_value
 from flexstage.stage import Stage, mass_properties
 from flexstage.stage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.stage.mass import outer_size
@@ -104,6 +104,8 @@ class Reduction:
     """Share of pairs of samples with the claimed reduction [1]."""
     holds: bool
     """True if the medians have the claimed reduction."""
+    kind: Kind = "predicted"
+    """What the motion error of the other stage is: predicted, or given by its maker."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,7 +167,7 @@ class TraditionalComparison:
             "catalogue": plain(self.catalogue),
             "reductions": {
                 measure: [
-                    picked(row, "against", "other", "reduction", "share", "holds")
+                    picked(row, "against", "other", "reduction", "share", "holds", "kind")
                     for row in self.reductions(measure)
                 ]
                 for measure in MEASURES
@@ -180,12 +182,15 @@ class TraditionalComparison:
         there is none for yaw.
         """
         figures = [(s.title, s.worse(measure)) for s in (*self.others, self.asymmetric)]
+        rows = [self._reduction(title, measure, figure) for title, figure in figures]
         if measure != "yaw":
             specified = np.full(self.samples, self.catalogue.straightness)
-            figures.append((self.catalogue.title, specified))
-        return tuple(self._reduction(title, measure, figure) for title, figure in figures)
+            rows.append(self._reduction(self.catalogue.title, measure, specified, "given"))
+        return tuple(rows)
 
-    def _reduction(self, title: str, measure: Measure, other: Array) -> Reduction:
+    def _reduction(
+        self, title: str, measure: Measure, other: Array, kind: Kind = "predicted"
+    ) -> Reduction:
         errors = self.stage.worse(measure)
         reduction = 1.0 - float(np.median(errors)) / float(np.median(other))
         return Reduction(
@@ -195,6 +200,7 @@ class TraditionalComparison:
             # all pairs, as the samples are independent
             share=float(np.mean(errors[:, None] <= (1.0 - self.claim) * other[None, :])),
             holds=reduction >= self.claim,
+            kind=kind,
         )
 
     @property
@@ -401,13 +407,13 @@ def conclusions(comparison: TraditionalComparison) -> tuple[str, ...]:
     stage = comparison.stage
     across = stage.median("across")
     measured = comparison.measured
-    published = "" if measured is None else f" (published measurement: {1e6 * measured:.2f} µm)"
+    published = "" if measured is None else f" (published, measured: {1e6 * measured:.2f} µm)"
     implied = comparison.implied
     worse = max(stage.axes.values(), key=lambda axis: axis.figures("across")[0])
     legs = " and ".join(sorted({f"{1e3 * v:.0f}" for v in comparison.legs.values()}))
     sentences = [
-        f"The transverse motion of the worse axis of {stage.title} over its stroke is "
-        f"{_um(across)} µm{published}, the median of {comparison.samples} simulated samples.",
+        f"The transverse motion of the worse axis of {stage.title} over its stroke is predicted to "
+        f"be {_um(across)} µm{published}, the median of {comparison.samples} manufactured stages.",
         f"Rigid bodies contribute {_um(worse.geometry)} µm and elastic ones "
         f"{_um(abs(worse.bending))} µm; the standard deviation by manufacture is "
         f"{_um(worse.manufacture)} µm.",
@@ -462,10 +468,14 @@ def drift_conclusions(comparison: TraditionalComparison) -> tuple[str, ...]:
 
 
 def _against(rows: Sequence[Reduction]) -> str:
-    """Return the stages for which a claim holds, and those for which it does not."""
+    """Return the stages for which a claim holds, and those for which it does not.
+
+    A limit given by a maker is no prediction, and is not compared with one.
+    """
     parts = []
+    predicted = [r for r in rows if r.kind == "predicted"]
     for holds, words in ((True, "holds against"), (False, "does not hold against")):
-        stages = [f"{r.against} ({_by(r.reduction)})" for r in rows if r.holds == holds]
+        stages = [f"{r.against} ({_by(r.reduction)})" for r in predicted if r.holds == holds]
         if stages:
             parts.append(f"{words} {listed(stages)}")
     return ", and ".join(parts)

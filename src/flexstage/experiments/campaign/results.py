@@ -18,6 +18,7 @@ from flexstage.quantities.characteristic import (
     Characteristic,
     Characteristics,
     MeasuredCharacteristic,
+    kind_of,
     one_of_each,
 )
 from flexstage.quantities.estimate import Estimate
@@ -82,6 +83,7 @@ def figure_data(figure: MeasuredCharacteristic) -> dict[str, Any]:
     return {
         **picked(figure, "quantity", "axis", "value", "unit", "uncertainty", "degrees_of_freedom"),
         **picked(figure, "interval=estimate.interval", "test", "note"),
+        "kind": kind_of(figure),
         "budget": [
             picked(c, "name", "uncertainty", "degrees_of_freedom", "kind")
             for c in figure.components

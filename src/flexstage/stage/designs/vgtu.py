@@ -49,8 +49,14 @@ def _rows(
     y: float | None = None,
     both: float | None = None,
     note: str = "",
+    fitted: bool | None = None,
 ) -> Iterator[Characteristic]:
-    """Yield the rows of one published quantity in SI units; `both` is the same for both axes."""
+    """Yield the rows of one published quantity in SI units; `both` is the same for both axes.
+
+    By default the geometry is fitted to the finite-element figures, but not to the input.
+    """
+    if fitted is None:
+        fitted = origin == _FEM and quantity != "input_displacement"
     if both is not None:
         x, y, note = both, both, f"{_BOTH_AXES}; {note}" if note else _BOTH_AXES
     for axis, value in (("x", x), ("y", y)):
@@ -62,6 +68,7 @@ def _rows(
                 value=value,
                 unit=QUANTITIES[quantity].unit,
                 note=note,
+                fitted=fitted,
             )
 
 
@@ -158,7 +165,8 @@ MECHANICAL = _published_stage(
         *_rows(_ANALYTIC, "input_displacement", both=350e-6),
         *_rows(_ANALYTIC, "output_displacement", x=116.5e-6, y=116.5e-6),
         *_rows(_ANALYTIC, "transmission_ratio", both=0.33),
-        *_rows(_ANALYTIC, "resolution", both=0.162e-6),
+        # the step of the screws is inferred from it, see _SCREW
+        *_rows(_ANALYTIC, "resolution", both=0.162e-6, fitted=True),
         *_rows(
             _ANALYTIC,
             "max_stress",

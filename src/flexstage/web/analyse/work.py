@@ -11,7 +11,7 @@ from flexstage.base import progress
 from flexstage.files.names import file_name
 from flexstage.files.write import write_files
 from flexstage.quantities.characteristic import WHOLE_STAGE, Characteristic
-from flexstage.quantities.comparison import compare, title_of
+from flexstage.quantities.comparison import compare, kind_text, title_of
 from flexstage.quantities.quantity import Quantity, number
 from flexstage.quantities.table import Cell, Table, table
 from flexstage.report.figures.fields import draw_convergence
@@ -140,17 +140,22 @@ _VISIBLE = 5e-5
 def figures_tables(preferences: Preferences, results: Sequence[ModelResult]) -> tuple[Table, Table]:
     """Return the figures of models side by side: the main ones, and all others.
 
-    For two models there is a column of the difference of the second from the first.
+    For two models there is a column of the difference of the second from the first, and next to
+    published figures of the stage one of the kind of each figure.
     """
     rows = compare(row for result in results for row in result.analysis.characteristics).rows
     models = [result.model for result in results]
-    heads = ["figure", "<axis", *(title_of(model) for model in models)]
+    published = results[0].analysis.stage.published
+    heads = ["figure", "<axis", *(["<kind"] if published else [])]
+    heads += [title_of(model) for model in models]
     heads += ["difference"] if len(models) == 2 else []
     main, others = [], []
     for row in rows:
         quantity = preferences.displayed(row.quantity)
         axis = "" if row.axis == WHOLE_STAGE else row.axis
         cells = [Cell(quantity.heading, small=row.remark), axis]
+        if published:
+            cells.append(kind_text(next(iter(row.cells.values())), published))
         cells += [_cell(row.cells.get(model), quantity) for model in models]
         if len(models) == 2:
             cells.append(percent(row.difference_percent(models[1], models[0])) or "–")
