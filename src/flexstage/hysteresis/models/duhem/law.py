@@ -263,39 +263,10 @@ def duhem_columns(u: ArrayLike, rate: float, curve: int, tangent: int) -> Array:
     >>> duhem_columns([80.0, 30.0], 0.04, 3, 1) @ [2.0, 0.45, 0.4e-3, 0.3]
     array([35.76095275, 19.26880817])
     """
-    return _columns(np.ascontiguousarray(u, dtype=np.float64), rate, curve, tangent)
-
-
-@compiled
-def _columns(u: Array, alpha: float, curve: int, tangent: int) -> Array:
-    columns = np.zeros((u.size, curve + tangent))
-    change = np.zeros(max(curve, tangent))
-    here, last = np.zeros(curve + tangent), 0.0
-    for n in range(u.size):
-        if u[n] != last:
-            sign = 1.0 if u[n] > last else -1.0
-            v = sign * (u[n] - last)
-            phi1, phi2, phi3, phi4 = _phis(-alpha * v)
-            # powers of the input where the step begins, and their derivatives
-            d0, d1, d2, d3 = 1.0, 0.0, 0.0, 0.0
-            for k in range(change.size):
-                change[k] = v * (
-                    d0 * phi1 + v * (sign * d1 * phi2 + v * (d2 * phi3 + v * sign * d3 * phi4))
-                )
-                d0, d1, d2, d3 = (
-                    last * d0,
-                    last * d1 + d0,
-                    last * d2 + 2.0 * d1,
-                    last * d3 + 3.0 * d2,
-                )
-            decay = math.exp(-alpha * v)
-            for k in range(curve):
-                here[k] = decay * here[k] + alpha * change[k]
-            for k in range(tangent):
-                here[curve + k] = decay * here[curve + k] + sign * change[k]
-            last = u[n]
-        columns[n] = here
-    return columns
+    inputs, units = np.ascontiguousarray(u, dtype=np.float64), np.eye(2 * TERMS)
+    coefficients = [*units[:curve], *units[TERMS : TERMS + tangent]]
+    columns = [_simulate(inputs, rate, c[:TERMS], c[TERMS:], np.zeros(2)) for c in coefficients]
+    return np.column_stack(columns)
 
 
 @compiled
