@@ -235,46 +235,22 @@ def law_segments(u: Array, h: float, gain: float, law: Array, out: Array) -> tup
         v = s * du
         upper = _is_upper(u[i], s, law[2])
         until = s * (law[2] - u[i])
-        if 0.0 < until < v:
-            m = _pieces(out, m, i, 0.0, until, s, v, u[i], h, gain, upper, law)
-            h = _one_side(h, s, until, upper, law)
-            m = _pieces(out, m, i, until, v, s, v, u[i], h, gain, not upper, law)
-            h = _one_side(h, s, v - until, not upper, law)
-        else:
-            m = _pieces(out, m, i, 0.0, v, s, v, u[i], h, gain, upper, law)
-            h = advance(h, u[i], du, law)
+        begin, end = 0.0, until if 0.0 < until < v else v
+        while True:
+            at = _branch(s, upper)
+            g, start = s * h, begin
+            if g < 0.0:
+                start += distance_to_zero(-g, law[0], law[at])
+                _piece(out, m, i, begin, s, v, u[i], gain, g, law[0], -law[at])
+                m += 1
+            if start < end or g >= 0.0:
+                _piece(out, m, i, start, s, v, u[i], gain, max(g, 0.0), law[0], law[at + 2])
+                m += 1
+            h = _one_side(h, s, end - begin, upper, law)
+            if end == v:
+                break
+            begin, end, upper = end, v, not upper
     return m, h
-
-
-@compiled
-def _pieces(
-    out: Array,
-    m: int,
-    i: int,
-    begin: float,
-    end: float,
-    s: float,
-    v: float,
-    u: float,
-    h: float,
-    gain: float,
-    upper: bool,
-    law: Array,
-) -> int:
-    """Write one or two pieces on one side of the centre, from one distance to another."""
-    A = law[0]
-    at = _branch(s, upper)
-    g = s * h
-    if g < 0.0:
-        zero = distance_to_zero(-g, A, law[at])
-        _piece(out, m, i, begin, s, v, u, gain, g, A, -law[at])
-        m += 1
-        begin += zero
-        g = 0.0
-        if begin >= end:
-            return m
-    _piece(out, m, i, begin, s, v, u, gain, g, A, law[at + 2])
-    return m + 1
 
 
 @compiled

@@ -1,5 +1,6 @@
 /* Sums of functions of plays, gain x + sum_i f_i(play_i(x)), with f_i piecewise linear on common
- * knots: f_i(p) = offset[i][j] + slope[i][j] p between knots j - 1 and j.
+ * knots: f_i(p) = offset[i][j] + slope[i][j] p between knots j - 1 and j. A Preisach operator, a
+ * Prandtl-Ishlinskii operator, and a straight line with one play of weight zero are such sums.
  *
  * Parameters: number of plays m, number of knots c, gain, m thresholds (rising), c knots (rising),
  * m (c + 1) slopes, m (c + 1) offsets. Plays start to move in the order of their thresholds.
@@ -105,8 +106,9 @@ static inline int fs_plays_moved(const fs_plays *plays, const fs_real *p, fs_rea
 }
 
 /* The sum at x; memory, the last input and the plays, is updated. */
-static inline fs_real fs_plays_move(const fs_plays *plays, fs_real *memory, fs_real x)
+static inline fs_real fs_plays_move(const fs_real *parameters, fs_real *memory, fs_real x)
 {
+    const fs_plays of = fs_plays_of(parameters), *plays = &of;
     fs_real *p = memory + 1, sum = FS_R(0.0);
     fs_real sign = x > memory[0] ? FS_R(1.0) : -FS_R(1.0);
     int moved = 0, i;
@@ -286,11 +288,13 @@ static inline fs_real fs_straight_value_at_end(const fs_piece *pieces, int count
     return last->constant + last->slope * (FS_R(1.0) - last->start);
 }
 
-/* The pieces of the sum along the line from memory[0] to u1. */
-static inline int fs_plays_line(const fs_plays *plays, fs_real *memory, fs_real u1,
-                                fs_piece *pieces, int room, fs_real *value)
+/* The pieces of the sum along the line from memory[0] to u1; -1, with memory unchanged, if the input
+ * is not finite or the room is too small. */
+static inline int fs_plays_line(const fs_real *p, fs_real *memory, fs_real u1, fs_piece *pieces,
+                                int room, fs_real *value)
 {
-    int count = fs_plays_pieces(plays, memory + 1, memory, memory[0], u1, 0, pieces, room);
+    fs_plays plays = fs_plays_of(p);
+    int count = fs_plays_pieces(&plays, memory + 1, memory, memory[0], u1, 0, pieces, room);
     if (count > 0)
         *value = fs_straight_value_at_end(pieces, count);
     return count;

@@ -19,12 +19,11 @@ from flexstage.hysteresis.oscillator.model import (
 )
 from flexstage.hysteresis.oscillator.model_file import OscillatorModel
 from flexstage.hysteresis.oscillator.start import EquationError
-from flexstage.hysteresis.oscillator.steps import advance_each
+from flexstage.hysteresis.oscillator.steps import advance_each, runge_kutta
 from flexstage.records.record import Record
 
-#: Series within the search: 1e-11 of the motion, 1e5 times less than the differences that the
-#: derivatives are taken from, and far below any sensor.
-ORDER = 13
+#: Error of a step within the search: 1e-11 of the motion, 1e5 times less than the differences that
+#: the derivatives are taken from, and far below any sensor.
 TOLERANCE = 1e-11
 #: Step of the differences, in parts of the scale of each unknown.
 DIFFERENCE = 1e-6
@@ -181,7 +180,8 @@ class _Problem:
         motion = np.empty((len(full), self.displacement.size))
         # contiguous whatever their number: for other layouts all is compiled again
         parameters, initial, offset = map(np.ascontiguousarray, np.hsplit(full, [7, 10]))
-        advance_each(self.pieces, 1.0 / self.rate, parameters, initial, ORDER, TOLERANCE, motion)
+        method = runge_kutta()
+        advance_each(self.pieces, 1.0 / self.rate, parameters, initial, TOLERANCE, method, motion)
         motion += offset - self.displacement
         motion /= self.size
         return motion

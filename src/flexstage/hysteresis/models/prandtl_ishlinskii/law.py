@@ -12,11 +12,11 @@ from flexstage.hysteresis.models.play_model import (
     PlayModel,
     Sum,
     play_parameters,
+    plays_c_code,
     plays_matlab_code,
-    sum_numbers,
     terms,
 )
-from flexstage.hysteresis.models.source_code import HysteresisCode, code_of
+from flexstage.hysteresis.models.source_code import HysteresisCode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,8 +104,7 @@ class PrandtlIshlinskii(PlayModel):
 
 def c_code(model: PrandtlIshlinskii) -> HysteresisCode:
     """Return the code in C, whose gain and weights can be changed."""
-    tunable = play_parameters(model, model.thresholds)
-    return code_of(model, sum_numbers(model.play_terms()), tunable, model.thresholds.size + 1)
+    return plays_c_code(model, play_parameters(model, model.thresholds))
 
 
 matlab_code = plays_matlab_code
