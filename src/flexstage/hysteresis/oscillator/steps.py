@@ -4,7 +4,6 @@ import math
 from functools import cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from flexstage.hysteresis.compiled import compiled
@@ -79,28 +78,6 @@ def advance(
             return i + 1
         motion[i + 1] = state
     return pieces.shape[0] + 1
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def advance_each(
-    pieces: Array,
-    interval: float,
-    parameters: Array,
-    initial: Array,
-    tolerance: float,
-    method: Method,
-    displacement: Array,
-) -> None:
-    """Step many oscillators through one record, each on a core.
-
-    As `advance`, a row of parameters and of initial state for each; displacements, shape (m, n),
-    are NaN from where a motion diverges.
-    """
-    for i in numba.prange(parameters.shape[0]):
-        motion = np.empty((displacement.shape[1], 3))
-        done = advance(pieces, interval, parameters[i], initial[i], tolerance, method, motion)
-        displacement[i, :done] = motion[:done, 0]
-        displacement[i, done:] = np.nan
 
 
 @compiled
