@@ -57,29 +57,13 @@ static inline const fs_real *fs_plays_end(const fs_plays *plays)
     return plays->offset + plays->count * (plays->knots + 1);
 }
 
-/* The number of knots below x. */
-static inline int fs_knots_below(const fs_real *knot, int count, fs_real x)
+/* The number of knots below x; those at x are counted as well if they are asked for. */
+static inline int fs_knots_below(const fs_real *knot, int count, fs_real x, int with_equal)
 {
     int low = 0;
     while (count > 0) {
         int half = count / 2;
-        if (knot[low + half] < x) {
-            low += half + 1;
-            count -= half + 1;
-        } else {
-            count = half;
-        }
-    }
-    return low;
-}
-
-/* The number of knots at x or below. */
-static inline int fs_knots_until(const fs_real *knot, int count, fs_real x)
-{
-    int low = 0;
-    while (count > 0) {
-        int half = count / 2;
-        if (knot[low + half] <= x) {
+        if (knot[low + half] < x || (with_equal && knot[low + half] == x)) {
             low += half + 1;
             count -= half + 1;
         } else {
@@ -118,15 +102,16 @@ static inline fs_real fs_plays_move(const fs_real *parameters, fs_real *memory, 
         moved = fs_plays_moved(plays, p, x, sign);
     memory[0] = x;
     for (i = plays->count - 1; i >= moved; i--)
-        sum += fs_play_function(plays, i, fs_knots_below(plays->knot, plays->knots, p[i]), p[i]);
+        sum += fs_play_function(plays, i, fs_knots_below(plays->knot, plays->knots, p[i], 0),
+                                p[i]);
     for (; i >= 0; i--) {
-        int from = fs_knots_below(plays->knot, plays->knots, p[i]), j;
+        int from = fs_knots_below(plays->knot, plays->knots, p[i], 0), j;
         p[i] = x - sign * plays->threshold[i];
         /* On a knot, the interval is that from which the play has come. */
         if (sign > FS_R(0.0)) {
-            j = fs_knots_below(plays->knot, plays->knots, p[i]);
+            j = fs_knots_below(plays->knot, plays->knots, p[i], 0);
         } else {
-            j = fs_knots_until(plays->knot, plays->knots, p[i]);
+            j = fs_knots_below(plays->knot, plays->knots, p[i], 1);
             j = j < from ? j : from;
         }
         sum += fs_play_function(plays, i, j, p[i]);
@@ -148,7 +133,7 @@ static inline void fs_walk_begin(fs_walk *walk, const fs_plays *plays, const fs_
     fs_real sum = FS_R(0.0);
     int i;
     for (i = plays->count - 1; i >= 0; i--) {
-        walk->where[i] = fs_knots_below(plays->knot, plays->knots, p[i]);
+        walk->where[i] = fs_knots_below(plays->knot, plays->knots, p[i], 0);
         sum += fs_play_function(plays, i, walk->where[i], p[i]);
     }
     walk->x = x;

@@ -40,7 +40,7 @@ class Line(PlayModel):
     """Slope [unit of y per unit of u]; positive for an inverse."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gain", checked(self.gain, "gain"))
+        self._set(gain=checked(self.gain, "gain"))
 
     def play_terms(self) -> Sum:
         return terms(self.gain, np.zeros(1), np.empty(0), np.zeros((1, 1)))

@@ -25,7 +25,7 @@ static inline fs_kinked_line fs_kinked_line_of(const fs_real *p)
 
 static inline fs_real fs_kinked_line_at(const fs_kinked_line *line, fs_real x)
 {
-    int j = fs_knots_below(line->knot, line->knots, x);
+    int j = fs_knots_below(line->knot, line->knots, x, 0);
     return line->offset[j] + line->slope[j] * x;
 }
 
@@ -39,7 +39,7 @@ static inline fs_piece fs_kinked_piece(const fs_kinked_line *line, const fs_piec
     fs_real middle = constant + FS_R(0.5) * of->slope * (end - start);
     piece.start = start;
     piece.constant = fs_kinked_line_at(line, constant);
-    piece.slope = of->slope * line->slope[fs_knots_below(line->knot, line->knots, middle)];
+    piece.slope = of->slope * line->slope[fs_knots_below(line->knot, line->knots, middle, 0)];
     return piece;
 }
 

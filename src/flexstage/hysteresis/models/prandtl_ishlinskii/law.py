@@ -66,9 +66,8 @@ class PrandtlIshlinskii(PlayModel):
 
     def __post_init__(self) -> None:
         r = rising(self.thresholds, "thresholds of plays", above=0.0)
-        object.__setattr__(self, "gain", checked(self.gain, "gain"))
-        object.__setattr__(self, "thresholds", r)
-        object.__setattr__(self, "weights", fixed(self.weights, "weights of plays", r.shape))
+        weights = fixed(self.weights, "weights of plays", r.shape)
+        self._set(gain=checked(self.gain, "gain"), thresholds=r, weights=weights)
 
     def inverse_plays(self) -> tuple[float, Array, Array]:
         """Return the inverse as a sum of plays of the output, for a controller's own program.

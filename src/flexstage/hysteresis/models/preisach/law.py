@@ -85,9 +85,7 @@ class Preisach(PlayModel):
         r = rising(self.thresholds, "thresholds of plays", lowest=0.0)
         k = rising(self.knots, "knots", least=2)
         slopes = fixed(self.slopes, "slopes", (r.size, k.size - 1))
-        for name, value in (("thresholds", r), ("knots", k), ("slopes", slopes)):
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "gain", checked(self.gain, "gain"))
+        self._set(thresholds=r, knots=k, slopes=slopes, gain=checked(self.gain, "gain"))
 
     def play_terms(self) -> Sum:
         # The outermost slopes are extrapolated, so only the inner knots matter.
