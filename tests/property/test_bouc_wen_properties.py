@@ -20,8 +20,7 @@ from flexstage.hysteresis import (
     GeneralisedBoucWen,
 )
 from flexstage.hysteresis.model import HysteresisModel, ModelProperty
-from flexstage.hysteresis.models.bouc_wen_steps import simulate_samples
-from flexstage.hysteresis.models.power_law import decayed, moved
+from flexstage.hysteresis.models.power_law import moved
 
 # A compiled loop is slow the first time.
 settings.register_profile("compiled", deadline=None, max_examples=25)
@@ -332,31 +331,6 @@ def test_segments_need_exponent_one_and_two_samples() -> None:
 
 
 @settings(quick)
-@given(bouc_wen(), levels)
-def test_runs_are_the_steps(model: BoucWen, u: np.ndarray) -> None:
-    """Exponent 1 goes run by run; the loop for any exponent goes sample by sample."""
-    model = dataclasses.replace(model, exponent=1.0)
-    steps = np.empty_like(u)
-    h = simulate_samples(u, 0.0, 0.0, *model._compiled(), steps)
-    response = model.simulate(u)
-    np.testing.assert_allclose(response.values, steps, atol=ROUNDING, rtol=0.0)
-    assert response.state[1] == pytest.approx(h, abs=ROUNDING)
-
-
-def test_long_runs_are_their_steps() -> None:
-    """Some samples lie close to where h passes zero, where a run changes its law."""
-    model = BoucWen(gain=0.593, hysteresis_gain=0.397, beta=0.05, gamma=0.021)
-    t = np.arange(90000)
-    u = 57.0 + 63.0 * np.sin(t / 10500.0) * np.cos(t / 61500.0)
-    u[100:110] = u[99]
-    steps = np.empty_like(u)
-    h = simulate_samples(u, 0.0, 0.0, *model._compiled(), steps)
-    response = model.simulate(u)
-    np.testing.assert_allclose(response.values, steps, atol=1e-12, rtol=0.0)
-    np.testing.assert_allclose(response.state, [u[-1], h], atol=1e-12, rtol=0.0)
-
-
-@settings(quick)
 @given(dahl(), levels)
 def test_dahl_with_exponent_one_is_bouc_wen(model: Dahl, u: np.ndarray) -> None:
     model = dataclasses.replace(model, exponent=1.0)
@@ -433,18 +407,6 @@ def test_a_motion_runs_away_within_a_known_distance(n: float) -> None:
     # unloading from beyond where the two terms balance runs away as well, and at it stays
     assert moved(-1.001, 1e300, 1.0, 1.0, 1.0, n) == -math.inf
     assert moved(-1.0, 1e300, 1.0, 1.0, 1.0, n) == -1.0 or n == 2.0
-
-
-@settings(quick)
-@given(st.floats(0.0, 50.0))
-def test_decayed(x: float) -> None:
-    assert decayed(x) == pytest.approx(-math.expm1(-x), rel=3e-16, abs=0.0)
-
-
-def test_decayed_at_its_ends() -> None:
-    assert decayed(math.inf) == 1.0
-    assert decayed(0.0) == 0.0
-    assert decayed(3e-301) == pytest.approx(3e-301, rel=1e-15)
 
 
 def test_saturation_is_kept() -> None:

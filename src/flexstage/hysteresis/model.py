@@ -255,6 +255,11 @@ class HysteresisModel(ABC):
         """
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # type: ignore[arg-type]
 
+    def _set(self, **fields: object) -> None:
+        """Set fields to their checked values, as a frozen dataclass is made."""
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
     def _reaching(self, y: ArrayLike, state: ArrayLike | None, where: str, hint: str) -> Response:
         """Return the nearest inputs after checking that they give the outputs."""
         response = self.nearest(y, state)

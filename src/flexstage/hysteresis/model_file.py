@@ -89,8 +89,6 @@ class _Content:
 
 def model_text(file: ModelFile) -> str:
     """Return a drive model as YAML, from which `read_model_text` reads the same numbers."""
-    import yaml
-
     m = file.model
     content = _Content(
         input=_Input(unit=m.input_unit),
@@ -104,8 +102,15 @@ def model_text(file: ModelFile) -> str:
         provenance=file.provenance,
     )
     data = {MODEL_FILE.key: MODEL_FILE.version, **_plain(content)}
+    return yaml_text({**data, "checksum": _checksum(data)})
+
+
+def yaml_text(data: Mapping[str, Any]) -> str:
+    """Return plain data as the text of a model file."""
+    import yaml
+
     return yaml.dump(
-        {**data, "checksum": _checksum(data)},
+        data,
         Dumper=plain_dumper(),
         sort_keys=False,
         allow_unicode=True,

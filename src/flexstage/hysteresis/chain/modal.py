@@ -126,11 +126,6 @@ def modes_through_segments(
 
     Other arguments as in `modes_along_lines`.
     """
-    if z.size == 1 and y.shape[0] == 1 and reader[0, 1] == 0.0:
-        z[0], v[0] = _one_through(
-            force.arrays, step, float(z[0]), float(v[0]), float(reader[0, 0]), y[0]
-        )
-        return
     _through(force.arrays, step, z, v, reader, y)
 
 
@@ -208,45 +203,6 @@ def _through(
                     )
             here = end
         _read_modes(z, v, reader, y, n)
-
-
-@compiled
-def _one_through(
-    force: SegmentArrays, step: UnitStep, z: float, v: float, weight: float, y: Array
-) -> tuple[float, float]:
-    """Step one mode, whose state stays in registers, and add its weighted deflection to y."""
-    start, constant, slope, amplitude, rate = force
-    w, zeta = step.angle[0], step.damping_ratio[0]
-    transition, moments = step.transition[:, 0].copy(), step.moments[:, 0].copy()
-    terms = terms_needed(amplitude, rate)
-    zz, zv, vz, vv = transition[0], transition[1], transition[2], transition[3]
-    m0, m1, m2 = moments[0], moments[1], moments[2]
-    i, last = 0, start.size - 1
-    for n in range(y.size):
-        here, following = float(n), n + 1.0
-        while here < following:
-            while i < last and start[i + 1] <= here:
-                i += 1
-            end = following
-            if i < last and start[i + 1] < end:
-                end = start[i + 1]
-            since = here - start[i]
-            a, b, c, mu = constant[i] + slope[i] * since, slope[i], amplitude[i], rate[i]
-            if since != 0.0 and c != 0.0:
-                c *= np.exp(-mu * since)
-            if end - here == 1.0 and (c == 0.0 or abs(mu) <= LARGEST_RATE):
-                by_z = 0.0
-                for j in range(terms, 0, -1):
-                    by_z = moments[j] - mu * by_z
-                by_v = m0 - mu * by_z
-                at = (zz * z + zv * v) + (m1 * a + m2 * b + c * by_z)
-                v = (vz * z + vv * v) + (m0 * a + m1 * b + c * by_v)
-                z = at
-            else:
-                z, v = piece_of_step(z, v, w, zeta, end - here, a, b, c, mu)
-            here = end
-        y[n] += weight * z
-    return z, v
 
 
 @compiled

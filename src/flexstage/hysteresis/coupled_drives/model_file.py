@@ -10,10 +10,9 @@ from flexstage.files.decoder import Decoder, read_file
 from flexstage.files.format import Form, Format
 from flexstage.files.nodes import Node
 from flexstage.files.plain import plain
-from flexstage.files.yaml_text import plain_dumper
 from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
 from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
-from flexstage.hysteresis.model_file import MODEL_FILE
+from flexstage.hysteresis.model_file import MODEL_FILE, yaml_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,16 +57,7 @@ def coupled_model_text(result: CoupledDriveIdentification) -> str:
 
 def description_text(kind: Format, content: Any) -> str:
     """Return a description as the YAML of a kind of file."""
-    import yaml
-
-    return yaml.dump(
-        {kind.key: kind.version, **plain(content)},
-        Dumper=plain_dumper(),
-        sort_keys=False,
-        allow_unicode=True,
-        width=100,
-        default_flow_style=None,
-    )
+    return yaml_text({kind.key: kind.version, **plain(content)})
 
 
 def is_coupled_model(path: Path) -> bool:

@@ -1,15 +1,14 @@
-"""Common parts of the Bouc-Wen family: checks, conditions, code, runs of exponent 1."""
+"""Common parts of the Bouc-Wen family: checks, conditions, code."""
 
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.base.errors import ModelError
-from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import (
     Array,
     HysteresisModel,
@@ -27,7 +26,6 @@ from flexstage.hysteresis.models.bouc_wen_steps import (
     law_segments,
     simulate_samples,
 )
-from flexstage.hysteresis.models.power_law import decayed, distance_to_zero, saturating
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
 
 #: Descriptions of the parameters in C.
@@ -50,15 +48,14 @@ class BoucWenModel(HysteresisModel):
 
     __slots__ = ()
 
+    #: Symbol of the hysteretic displacement, and name of its slope at zero.
+    hysteretic: ClassVar[tuple[str, str]] = ("h", "hysteresis_gain")
+
     exponent: float
 
     @abstractmethod
     def _compiled(self) -> tuple[Array, Array]:
         """Return the polynomial and the law of the compiled loops."""
-
-    def _outputs(self, u: Array, state: Array, values: Array) -> float:
-        """Write the outputs, and return the last h."""
-        return simulate_samples(u, state[0], state[1], *self._compiled(), values)
 
     def initial_state(self) -> Array:
         return np.zeros(2)
@@ -67,7 +64,7 @@ class BoucWenModel(HysteresisModel):
         inputs = samples(u, "input")
         start = self._state(state)
         values = np.empty_like(inputs)
-        h = self._outputs(inputs, start, values)
+        h = simulate_samples(inputs, start[0], start[1], *self._compiled(), values)
         return Response(values=values, state=self._state_after(inputs[-1], h))
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
@@ -103,10 +100,11 @@ class BoucWenModel(HysteresisModel):
             y, state[0], state[1], np.array(limits), *self._compiled(), values
         )
         if done < y.size:
+            symbol, gain = self.hysteretic
             raise ModelError(
-                f"{self.title} cannot be inverted at sample {done}: with h = {h:.6g}, dh/du can "
-                f"reach the {steepest}, so that more than one input gives an output; stay within a "
-                f"smaller range, or give a smaller hysteresis_gain"
+                f"{self.title} cannot be inverted at sample {done}: with {symbol} = {h:.6g}, "
+                f"d{symbol}/du can reach the {steepest}, so that more than one input gives an "
+                f"output; stay within a smaller range, or give a smaller {gain}"
             )
         return Response(values=values, state=self._state_after(values[-1], h), missed=missed)
 
@@ -204,93 +202,7 @@ def bouc_wen_matlab_code(model: BoucWenModel) -> MatlabCode:
         ),
         "loaded": (law[[6, 7, 10, 11]], "shape function where h is loaded, in the same order"),
     }
-    if exponent in (1.0, 2.0):
-        return MatlabCode(
-            parts=("bouc_wen_common", "power_closed", f"power_{exponent:g}"), parameters=numbers
-        )
+    if exponent == 1.0:
+        return MatlabCode(parts=("bouc_wen_common", "power_1"), parameters=numbers)
     numbers["n"] = (exponent, "exponent [1]")
     return MatlabCode(parts=("bouc_wen_common", "power_n"), parameters=numbers)
-
-
-@compiled
-def _fill(
-    u: Array,
-    first: int,
-    last: int,
-    origin: float,
-    s: float,
-    gain: float,
-    g: float,
-    A: float,
-    rate: float,
-    out: Array,
-) -> None:
-    """Write y = d u - h for the samples of one piece; g is the value at its origin."""
-    start = s * g
-    if rate > 0.0:
-        span = s * ((A - rate * g) / rate)
-        for k in range(first, last):
-            # Rounding may put a sample before the origin by one unit in the last place.
-            v = max(s * (u[k] - origin), 0.0)
-            out[k] = gain * u[k] - (start + span * decayed(rate * v))
-    else:
-        for k in range(first, last):
-            v = max(s * (u[k] - origin), 0.0)
-            out[k] = gain * u[k] - s * saturating(g, A, rate, v)
-
-
-@compiled
-def _first_beyond(u: Array, first: int, last: int, s: float, origin: float, v: float) -> int:
-    """Return the first sample of a run that lies at least a distance v from its origin."""
-    while first < last:
-        middle = (first + last) // 2
-        if s * (u[middle] - origin) < v:
-            first = middle + 1
-        else:
-            last = middle
-    return first
-
-
-@compiled
-def simulate_runs(
-    u: Array, u_last: float, h: float, gain: float, A: float, beta: float, gamma: float, out: Array
-) -> float:
-    """Write the output of exponent 1 run by run, and return the last hysteretic displacement.
-
-    In a run of direction s, with v = |u - u_start| and g = s h,
-
-        dg/dv = A - (beta + gamma) g      for g >= 0,
-        dg/dv = A - (beta - gamma) g      for g < 0,
-
-    so g is an exponential of the distance from where the run began, or from where h passed zero. No
-    sample needs the one before, and a loop over the samples of a run becomes vector code. A is the
-    slope dh/du at h = 0; `u_last` and h are before the first input.
-    """
-    count = u.size
-    i = 0
-    while i < count:
-        if u[i] == u_last:
-            out[i] = gain * u[i] - h
-            i += 1
-            continue
-        s = 1.0 if u[i] > u_last else -1.0
-        end = i + 1
-        while end < count and s * (u[end] - u[end - 1]) >= 0.0:
-            end += 1
-        g = s * h
-        zero = 0.0
-        middle = i
-        length = s * (u[end - 1] - u_last)
-        if g < 0.0:
-            zero = distance_to_zero(-g, A, gamma - beta)
-            middle = _first_beyond(u, i, end, s, u_last, zero)
-            _fill(u, i, middle, u_last, s, gain, g, A, beta - gamma, out)
-        if middle < end:
-            g = max(g, 0.0)
-            _fill(u, middle, end, u_last + s * zero, s, gain, g, A, beta + gamma, out)
-            h = s * saturating(g, A, beta + gamma, length - zero)
-        else:
-            h = s * saturating(g, A, beta - gamma, length)
-        u_last = u[end - 1]
-        i = end
-    return h

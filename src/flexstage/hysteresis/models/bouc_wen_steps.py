@@ -1,28 +1,30 @@
-"""Steps of the Bouc-Wen equation for any exponent and any shape function: the compiled loops.
+"""Steps of Bouc-Wen and Dahl for any exponent and any shape function: the compiled loops.
 
-The models of the family are one equation, h' = u' (A - psi |h|^n), with a shape function psi that
-depends on three signs: of u', of h, and of u from a centre. With s the sign of u', v the distance
-and g = s h, it is autonomous between the changes of sign,
+The models of the Bouc-Wen family are one equation, h' = u' (A - psi |h|^n), with a shape function
+psi that depends on three signs: of u', of h, and of u from a centre. With s the sign of u', v the
+distance and g = s h, it is autonomous between the changes of sign,
 
     dg/dv = A - psi g^n           where h is loaded, g >= 0,
     dw/dv = -(A - psi w^n)        where it is unloaded, w = -g > 0,
 
 so each piece is a flow of the power law, and the pieces end at h = 0 and at the centre, where they
-are split exactly.
+are split exactly. Dahl's friction is solved at once: it has no such changes.
 
-A law is an array: A, n, the centre, an unused place, then psi for (u' < 0, u' > 0) by (unloaded,
-loaded) by (u below, u above the centre).
+A law is an array: A, n, the centre, Dahl's limit (zero for Bouc-Wen), then psi for (u' < 0, u' > 0)
+by (unloaded, loaded) by (u below, u above the centre).
 """
+
+import math
 
 import numpy as np
 
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.models.power_law import moved, time_to_zero
+from flexstage.hysteresis.models.power_law import distance_to_zero, moved
 
-#: Most steps of a Newton iteration, and the rounding of a number.
-ITERATIONS = 100
-ROUNDING = 2.3e-16
+# Most steps of a Newton iteration, and the rounding of a number.
+_ITERATIONS = 100
+_ROUNDING = 2.3e-16
 _LEAST_RATE = 1e-5
 
 
@@ -33,6 +35,11 @@ def law_of(A: float, n: float, centre: float, psi: Array) -> Array:
     2); the centre is minus infinity where it does not change with u.
     """
     return np.concatenate([[A, n, centre, 0.0], np.ravel(psi)])
+
+
+def friction_law(stiffness: float, limit: float, exponent: float) -> Array:
+    """Return the law of Dahl's friction, shape (12,), of another exponent than 1."""
+    return np.concatenate([[stiffness, exponent, -math.inf, limit], np.zeros(8)])
 
 
 @compiled
@@ -58,12 +65,14 @@ def _one_side(h: float, s: float, v: float, upper: bool, law: Array) -> float:
 def advance(h: float, u: float, du: float, law: Array) -> float:
     """Return the hysteretic displacement after one straight line of the input.
 
-    Law of `law_of`; not finite if h grows without limit.
+    Not finite if h grows without limit.
     """
     if du == 0.0:
         return h
     s = 1.0 if du > 0.0 else -1.0
     v = s * du
+    if law[3] > 0.0:
+        return _rubbed(h, s, v, law[0], law[3], law[1])
     upper = _is_upper(u, s, law[2])
     until = s * (law[2] - u)
     # Two stretches where the centre lies between; one call, which is long once compiled.
@@ -75,6 +84,21 @@ def advance(h: float, u: float, du: float, law: Array) -> float:
             return h
         stretch = v
         upper = not upper
+
+
+@compiled
+def _rubbed(F: float, s: float, v: float, sigma: float, limit: float, i: float) -> float:
+    """Return Dahl's friction after a distance v.
+
+    The gap e = 1 - s F/F_c closes as ``|e|' = -(sigma/F_c) |e|^i``, whose solution is
+    ``|e| (1 + (i - 1) (sigma/F_c) v |e|^(i-1))^(-1/(i-1))``.
+    """
+    e = 1.0 - s * F / limit
+    if e == 0.0:
+        return F
+    m = i - 1.0
+    q = m * (sigma / limit * v) * abs(e) ** m
+    return F + s * limit * e * (-math.expm1(-math.log1p(q) / m) if q > -1.0 else 1.0)
 
 
 @compiled
@@ -103,13 +127,12 @@ def inverse_samples(
     the output does not rise with the input; the last h; and the first sample out of reach within
     the limits, at which the input stops, or -1.
     """
-    unloading, missed = min(law[4], law[5], law[8], law[9]), -1
+    missed = -1
     for i in range(y.size):
         level = u * (cubic[0] + u * (cubic[1] + u * cubic[2])) - h
         change = y[i] - level
         if change != 0.0:
-            # Loading slows down from A; unloading starts at its steepest.
-            least = limits[2] - law[0] + min(0.0, unloading) * abs(h) ** law[1]
+            least = limits[2] - _steepest(h, law)
             if not least > 0.0:
                 return i, h, missed
             end, after = _inverse_step(change, u, h, least, limits, cubic, law)
@@ -139,7 +162,7 @@ def _inverse_step(
     low = 0.0
     # The least slope bounds the way from above, with a margin for rounding.
     high = target / least
-    high += 4.0 * ROUNDING * (high + abs(h) / least)
+    high += 4.0 * _ROUNDING * (high + abs(h) / least)
     limited = high > room
     high = min(high, room)
     v = high if limited else min(high, target / _slope(0.0, h, u, s, cubic, law))
@@ -150,13 +173,13 @@ def _inverse_step(
         # The hysteresis sees the rounded input; so does the last evaluation.
         after = advance(h, u, end - u, law)
         count += 1
-        if converged or count > ITERATIONS:
+        if converged or count > _ITERATIONS:
             return end, after
         # Divided differences of the powers: no cancellation.
         secant = cubic[0] + cubic[1] * (u + end) + cubic[2] * (u * u + u * end + end * end)
         excess = (end - u) * s * secant - s * (after - h) - target
         if limited and excess < 0.0:
-            tolerance = 8.0 * ROUNDING * (abs(h) + limits[2] * (abs(u) + room) + target)
+            tolerance = 8.0 * _ROUNDING * (abs(h) + limits[2] * (abs(u) + room) + target)
             return (end, after) if excess > -tolerance else (np.nan, np.nan)
         limited = False
         if excess > 0.0:
@@ -167,16 +190,35 @@ def _inverse_step(
         if not low <= v - correction <= high:
             correction = v - 0.5 * (low + high)
         v -= correction
-        converged = abs(correction) <= ROUNDING * (abs(u) + v)
+        converged = abs(correction) <= _ROUNDING * (abs(u) + v)
+
+
+@compiled
+def _steepest(h: float, law: Array) -> float:
+    """Return the steepest dh/du that any motion from h can reach."""
+    if law[3] > 0.0:
+        # Along any motion the slope only falls: the steepest is the one at the start.
+        return max(_rise(h, 0.0, 1.0, law), _rise(h, 0.0, -1.0, law))
+    # Loading slows down from A; unloading starts at its steepest.
+    return law[0] - min(0.0, law[4], law[5], law[8], law[9]) * abs(h) ** law[1]
+
+
+@compiled
+def _rise(h: float, u: float, s: float, law: Array) -> float:
+    """Return dh/du of a motion of direction s at u."""
+    if law[3] > 0.0:
+        e = 1.0 - s * h / law[3]
+        return 0.0 if e == 0.0 else law[0] * abs(e) ** law[1] * (1.0 if e > 0.0 else -1.0)
+    at = _branch(s, _is_upper(u, s, law[2])) + (2 if s * h >= 0.0 else 0)
+    return law[0] - law[at] * abs(h) ** law[1]
 
 
 @compiled
 def _slope(v: float, h: float, u: float, s: float, cubic: Array, law: Array) -> float:
     """Return the slope of the output after a distance v from u, where it is h."""
     end = u + s * v
-    at = _branch(s, _is_upper(end, s, law[2])) + (2 if s * h >= 0.0 else 0)
     tangent = cubic[0] + end * (2.0 * cubic[1] + end * 3.0 * cubic[2])
-    return tangent - (law[0] - law[at] * abs(h) ** law[1])
+    return tangent - _rise(h, end, s, law)
 
 
 @compiled
@@ -193,46 +235,22 @@ def law_segments(u: Array, h: float, gain: float, law: Array, out: Array) -> tup
         v = s * du
         upper = _is_upper(u[i], s, law[2])
         until = s * (law[2] - u[i])
-        if 0.0 < until < v:
-            m = _pieces(out, m, i, 0.0, until, s, v, u[i], h, gain, upper, law)
-            h = _one_side(h, s, until, upper, law)
-            m = _pieces(out, m, i, until, v, s, v, u[i], h, gain, not upper, law)
-            h = _one_side(h, s, v - until, not upper, law)
-        else:
-            m = _pieces(out, m, i, 0.0, v, s, v, u[i], h, gain, upper, law)
-            h = advance(h, u[i], du, law)
+        begin, end = 0.0, until if 0.0 < until < v else v
+        while True:
+            at = _branch(s, upper)
+            g, start = s * h, begin
+            if g < 0.0:
+                start += distance_to_zero(-g, law[0], law[at])
+                _piece(out, m, i, begin, s, v, u[i], gain, g, law[0], -law[at])
+                m += 1
+            if start < end or g >= 0.0:
+                _piece(out, m, i, start, s, v, u[i], gain, max(g, 0.0), law[0], law[at + 2])
+                m += 1
+            h = _one_side(h, s, end - begin, upper, law)
+            if end == v:
+                break
+            begin, end, upper = end, v, not upper
     return m, h
-
-
-@compiled
-def _pieces(
-    out: Array,
-    m: int,
-    i: int,
-    begin: float,
-    end: float,
-    s: float,
-    v: float,
-    u: float,
-    h: float,
-    gain: float,
-    upper: bool,
-    law: Array,
-) -> int:
-    """Write one or two pieces on one side of the centre, from one distance to another."""
-    A = law[0]
-    at = _branch(s, upper)
-    g = s * h
-    if g < 0.0:
-        zero = time_to_zero(-g, A, law[at], 1.0)
-        _piece(out, m, i, begin, s, v, u, gain, g, A, -law[at])
-        m += 1
-        begin += zero
-        g = 0.0
-        if begin >= end:
-            return m
-    _piece(out, m, i, begin, s, v, u, gain, g, A, law[at + 2])
-    return m + 1
 
 
 @compiled

@@ -18,7 +18,13 @@ from flexstage.hysteresis.model import (
 )
 from flexstage.hysteresis.models import play_sum
 from flexstage.hysteresis.models.play_sum import play_state
-from flexstage.hysteresis.models.source_code import MatlabCode, TunableParameter, tunable_of
+from flexstage.hysteresis.models.source_code import (
+    HysteresisCode,
+    MatlabCode,
+    TunableParameter,
+    code_of,
+    tunable_of,
+)
 
 #: Descriptions of a threshold and of a list of thresholds.
 THRESHOLD = "half the gap of a play"
@@ -181,6 +187,12 @@ def elements(
 ) -> Iterable[TunableParameter]:
     """Return the elements of a list that cannot be changed."""
     return [tunable_of(model, f"{name}[{i}]", None, description) for i in range(values.size)]
+
+
+def plays_c_code(model: PlayModel, tunable: Iterable[TunableParameter]) -> HysteresisCode:
+    """Return the code in C of a sum of functions of plays."""
+    total = model.play_terms()
+    return code_of(model, sum_numbers(total), tunable, largest_pieces(total), "plays.h")
 
 
 def plays_matlab_code(model: PlayModel) -> MatlabCode:

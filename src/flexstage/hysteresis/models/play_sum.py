@@ -93,23 +93,17 @@ def _columns(u: Array, thresholds: Array) -> Array:
     return out
 
 
-@compiled
 def offsets_of(knots: Array, slopes: Array) -> Array:
     """Return the constants of piecewise-linear functions that are zero at zero.
 
     So that a function is ``offset + slope p`` on each interval; knots (c,), slopes (m, c + 1)
     below, between and above them.
     """
-    offsets = np.zeros(slopes.shape)
-    zero = 0
-    while zero < knots.size and knots[zero] <= 0.0:
-        zero += 1
-    for i in range(slopes.shape[0]):
-        for j in range(zero, knots.size):
-            offsets[i, j + 1] = offsets[i, j] + (slopes[i, j] - slopes[i, j + 1]) * knots[j]
-        for j in range(zero - 1, -1, -1):
-            offsets[i, j] = offsets[i, j + 1] + (slopes[i, j + 1] - slopes[i, j]) * knots[j]
-    return offsets
+    zero = int(np.sum(knots <= 0.0))
+    steps = (slopes[:, :-1] - slopes[:, 1:]) * knots
+    below = -np.cumsum(steps[:, :zero][:, ::-1], axis=1)[:, ::-1]
+    above = np.cumsum(steps[:, zero:], axis=1)
+    return np.hstack((below, np.zeros((len(slopes), 1)), above)) + 0.0  # no negative zero
 
 
 @compiled
@@ -350,7 +344,7 @@ class PiecewiseLinear:
 
     def offsets(self) -> Array:
         """Return the values at zero of its straight lines, shape (c + 1,)."""
-        return offsets_of(np.array(self.knots), self.slopes[None, :].copy())[0]
+        return offsets_of(self.knots, self.slopes[None, :])[0]
 
     def inverse(self) -> "PiecewiseLinear":
         """Return the inverse, a piecewise-linear function as well.

@@ -1,5 +1,6 @@
 /* Sums of functions of plays, gain x + sum_i f_i(play_i(x)), with f_i piecewise linear on common
- * knots: f_i(p) = offset[i][j] + slope[i][j] p between knots j - 1 and j.
+ * knots: f_i(p) = offset[i][j] + slope[i][j] p between knots j - 1 and j. A Preisach operator, a
+ * Prandtl-Ishlinskii operator, and a straight line with one play of weight zero are such sums.
  *
  * Parameters: number of plays m, number of knots c, gain, m thresholds (rising), c knots (rising),
  * m (c + 1) slopes, m (c + 1) offsets. Plays start to move in the order of their thresholds.
@@ -56,29 +57,13 @@ static inline const fs_real *fs_plays_end(const fs_plays *plays)
     return plays->offset + plays->count * (plays->knots + 1);
 }
 
-/* The number of knots below x. */
-static inline int fs_knots_below(const fs_real *knot, int count, fs_real x)
+/* The number of knots below x; those at x are counted as well if they are asked for. */
+static inline int fs_knots_below(const fs_real *knot, int count, fs_real x, int with_equal)
 {
     int low = 0;
     while (count > 0) {
         int half = count / 2;
-        if (knot[low + half] < x) {
-            low += half + 1;
-            count -= half + 1;
-        } else {
-            count = half;
-        }
-    }
-    return low;
-}
-
-/* The number of knots at x or below. */
-static inline int fs_knots_until(const fs_real *knot, int count, fs_real x)
-{
-    int low = 0;
-    while (count > 0) {
-        int half = count / 2;
-        if (knot[low + half] <= x) {
+        if (knot[low + half] < x || (with_equal && knot[low + half] == x)) {
             low += half + 1;
             count -= half + 1;
         } else {
@@ -105,8 +90,9 @@ static inline int fs_plays_moved(const fs_plays *plays, const fs_real *p, fs_rea
 }
 
 /* The sum at x; memory, the last input and the plays, is updated. */
-static inline fs_real fs_plays_move(const fs_plays *plays, fs_real *memory, fs_real x)
+static inline fs_real fs_plays_move(const fs_real *parameters, fs_real *memory, fs_real x)
 {
+    const fs_plays of = fs_plays_of(parameters), *plays = &of;
     fs_real *p = memory + 1, sum = FS_R(0.0);
     fs_real sign = x > memory[0] ? FS_R(1.0) : -FS_R(1.0);
     int moved = 0, i;
@@ -116,15 +102,16 @@ static inline fs_real fs_plays_move(const fs_plays *plays, fs_real *memory, fs_r
         moved = fs_plays_moved(plays, p, x, sign);
     memory[0] = x;
     for (i = plays->count - 1; i >= moved; i--)
-        sum += fs_play_function(plays, i, fs_knots_below(plays->knot, plays->knots, p[i]), p[i]);
+        sum += fs_play_function(plays, i, fs_knots_below(plays->knot, plays->knots, p[i], 0),
+                                p[i]);
     for (; i >= 0; i--) {
-        int from = fs_knots_below(plays->knot, plays->knots, p[i]), j;
+        int from = fs_knots_below(plays->knot, plays->knots, p[i], 0), j;
         p[i] = x - sign * plays->threshold[i];
         /* On a knot, the interval is that from which the play has come. */
         if (sign > FS_R(0.0)) {
-            j = fs_knots_below(plays->knot, plays->knots, p[i]);
+            j = fs_knots_below(plays->knot, plays->knots, p[i], 0);
         } else {
-            j = fs_knots_until(plays->knot, plays->knots, p[i]);
+            j = fs_knots_below(plays->knot, plays->knots, p[i], 1);
             j = j < from ? j : from;
         }
         sum += fs_play_function(plays, i, j, p[i]);
@@ -146,7 +133,7 @@ static inline void fs_walk_begin(fs_walk *walk, const fs_plays *plays, const fs_
     fs_real sum = FS_R(0.0);
     int i;
     for (i = plays->count - 1; i >= 0; i--) {
-        walk->where[i] = fs_knots_below(plays->knot, plays->knots, p[i]);
+        walk->where[i] = fs_knots_below(plays->knot, plays->knots, p[i], 0);
         sum += fs_play_function(plays, i, walk->where[i], p[i]);
     }
     walk->x = x;
@@ -286,11 +273,13 @@ static inline fs_real fs_straight_value_at_end(const fs_piece *pieces, int count
     return last->constant + last->slope * (FS_R(1.0) - last->start);
 }
 
-/* The pieces of the sum along the line from memory[0] to u1. */
-static inline int fs_plays_line(const fs_plays *plays, fs_real *memory, fs_real u1,
-                                fs_piece *pieces, int room, fs_real *value)
+/* The pieces of the sum along the line from memory[0] to u1; -1, with memory unchanged, if the input
+ * is not finite or the room is too small. */
+static inline int fs_plays_line(const fs_real *p, fs_real *memory, fs_real u1, fs_piece *pieces,
+                                int room, fs_real *value)
 {
-    int count = fs_plays_pieces(plays, memory + 1, memory, memory[0], u1, 0, pieces, room);
+    fs_plays plays = fs_plays_of(p);
+    int count = fs_plays_pieces(&plays, memory + 1, memory, memory[0], u1, 0, pieces, room);
     if (count > 0)
         *value = fs_straight_value_at_end(pieces, count);
     return count;

@@ -1,9 +1,9 @@
 /* Motions dg/dv = A - psi |g|^n, for any exponent n of at least 1.
  *
- * For n = 1 an exponential, for n = 2 tanh or tan. For other n a motion is summed as power series,
- * each as far as it converges to rounding: in the distance from where g is, or, as |g|^n has no
- * such series at g = 0, in the power n of the distance from zero. The same operations as flexstage
- * itself, in the same order.
+ * For n = 1 an exponential. For other n a motion is summed as power series, each as far as it
+ * converges to rounding: in the distance from where g is, or, as |g|^n has no such series at g = 0,
+ * in the power n of the distance from zero. The same operations as flexstage itself, in the same
+ * order.
  *
  * At most FS_POWER_STEPS series: the time of a call is bounded. Single precision: A/|psi| must be
  * within its range, so exponents of at most about 6 for lengths in metres.
@@ -20,78 +20,14 @@
 #define FS_POWER_LOW_END FS_R(0.2)
 
 #ifdef FS_SINGLE
-#define FS_TAN tanf
-#define FS_TANH tanhf
-#define FS_ATAN atanf
-#define FS_ATANH atanhf
 #define FS_POWER_HUGE 1e15f
 #define FS_POWER_ROUNDING 1e-8f
 #define FS_POWER_SATURATED 3e-4f
 #else
-#define FS_TAN tan
-#define FS_TANH tanh
-#define FS_ATAN atan
-#define FS_ATANH atanh
 #define FS_POWER_HUGE 1e150      /* a scale beyond which saturation is not felt */
 #define FS_POWER_ROUNDING 1e-17  /* a term, as part of the first, that is below its rounding */
 #define FS_POWER_SATURATED 1e-9  /* of A, a slope that falls exponentially */
 #endif
-
-/* The scaled solution for n = 2. */
-static inline fs_real fs_power_flow_2(fs_real x, fs_real tau, fs_real sigma)
-{
-    const fs_real quarter = FS_R(0.5) * FS_R(3.14159265358979323846);
-    fs_real t, below, angle;
-    if (sigma > FS_R(0.0)) {
-        t = FS_TANH(tau);
-        below = FS_R(1.0) + x * t;
-        return below > FS_R(0.0) ? fs_max((x + t) / below, FS_R(0.0)) : (fs_real)INFINITY;
-    }
-    angle = FS_ATAN(x) + tau;
-    if (angle >= quarter)
-        return (fs_real)INFINITY;
-    /* The sum of tangents keeps the digits of a large x, which its angle loses. */
-    t = FS_TAN(tau);
-    below = FS_R(1.0) - x * t;
-    if (FS_ABS(tau) < FS_R(1.0) && below > FS_R(0.0))
-        return fs_max((x + t) / below, FS_R(0.0));
-    return fs_max(FS_TAN(angle), FS_R(0.0));
-}
-
-/* G, the value at which both terms are of one size. */
-static inline fs_real fs_power_scale(fs_real A, fs_real rate, fs_real n)
-{
-    return rate != FS_R(0.0) ? FS_POW(A / FS_ABS(rate), FS_R(1.0) / n) : (fs_real)INFINITY;
-}
-
-/* g >= 0 after a distance v (below zero: followed back, at most to g = 0) for n of 1 or 2;
- * infinite if it diverges before. */
-static inline fs_real fs_power_flow(fs_real g, fs_real v, fs_real A, fs_real rate, fs_real n)
-{
-    fs_real G;
-    if (n == FS_R(1.0))
-        return fs_max(fs_saturating(g, A, rate, v), FS_R(0.0));
-    G = fs_power_scale(A, rate, n);
-    if (!(G < FS_POWER_HUGE))
-        return fs_max(g + A * v, FS_R(0.0));
-    return G * fs_power_flow_2(g / G, A * v / G, rate > FS_R(0.0) ? FS_R(1.0) : -FS_R(1.0));
-}
-
-/* The distance in which w falls to zero, dw/dv = -(A - rate w^n), for n of 1 or 2; infinite where
- * it does not. */
-static inline fs_real fs_power_time_to_zero(fs_real w, fs_real A, fs_real rate, fs_real n)
-{
-    fs_real G, x;
-    if (n == FS_R(1.0))
-        return fs_distance_to_zero(w, A, rate);
-    G = fs_power_scale(A, rate, n);
-    if (!(G < FS_POWER_HUGE))
-        return w / A;
-    x = w / G;
-    if (rate > FS_R(0.0) && x >= FS_R(1.0))
-        return (fs_real)INFINITY;
-    return G / A * (rate > FS_R(0.0) ? FS_ATANH(x) : FS_ATAN(x));
-}
 
 /* The terms at x = 1 of the solution u of first (u - 1) + step x u' = slope x - factor x u^n, u = 1
  * at x = 0; how many there are: FS_POWER_TERMS where they do not converge. Those of the power are
@@ -169,14 +105,12 @@ static inline fs_real fs_power_moved(fs_real g, fs_real v, fs_real A, fs_real un
 {
     fs_real a[FS_POWER_TERMS + 1], s = FS_R(1.0);
     int step;
-    if (n == FS_R(1.0) || n == FS_R(2.0)) {
-        fs_real zero = FS_R(0.0);
-        if (g < FS_R(0.0))
-            zero = fs_power_time_to_zero(-g, A, unloaded, n);
+    if (n == FS_R(1.0)) {
+        fs_real zero = g < FS_R(0.0) ? fs_distance_to_zero(-g, A, unloaded) : FS_R(0.0);
         /* Unloading is loading, with the rate of unloading, followed back. */
         if (v < zero)
-            return -fs_power_flow(-g, -v, A, unloaded, n);
-        return fs_power_flow(fs_max(g, FS_R(0.0)), v - zero, A, loaded, n);
+            return -fs_max(fs_saturating(-g, A, unloaded, -v), FS_R(0.0));
+        return fs_saturating(fs_max(g, FS_R(0.0)), A, loaded, v - zero);
     }
     for (step = 0; step < FS_POWER_STEPS; step++) {
         fs_real psi = g < FS_R(0.0) ? unloaded : loaded, w = FS_ABS(g), power;

@@ -21,7 +21,6 @@ typedef float fs_real;
 #define FS_COS cosf
 #define FS_ABS fabsf
 #define FS_CEIL ceilf
-#define FS_FLOOR floorf
 #define FS_RINT rintf
 #else
 typedef double fs_real;
@@ -36,7 +35,6 @@ typedef double fs_real;
 #define FS_COS cos
 #define FS_ABS fabs
 #define FS_CEIL ceil
-#define FS_FLOOR floor
 #define FS_RINT rint
 #endif
 

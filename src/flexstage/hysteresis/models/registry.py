@@ -3,8 +3,9 @@
 
 Models are found by name here. The folder of a model has its name. It contains ``law.py`` with the
 class named here and its code (`c_code`, `matlab_code`), ``fit.py`` with the class of that name and
-``Fit`` after it, the header for C, the function for MATLAB, and test vectors. Add a model from
-elsewhere by ``MODELS[Law.kind] = Law``; all its parts are in the module of the law.
+``Fit`` after it, the header for C and the function for MATLAB where no other model shares them, and
+test vectors. Add a model from elsewhere by ``MODELS[Law.kind] = Law``; all its parts are in the
+module of the law.
 """
 
 import sys

@@ -98,26 +98,6 @@ static inline fs_piece fs_law_piece(const fs_line *line, fs_real begin, fs_real 
     return piece;
 }
 
-/* One or two pieces on one side of the centre, from one distance to another; how many there are
- * then. */
-static inline int fs_law_pieces_one_side(const fs_law *law, const fs_line *line, fs_real begin,
-                                         fs_real end, fs_real h, int upper, fs_piece *pieces,
-                                         int count)
-{
-    int at = fs_law_branch(line->s, upper);
-    fs_real g = line->s * h;
-    if (g < FS_R(0.0)) {
-        fs_real zero = fs_distance_to_zero(-g, law->A, law->psi[at]);
-        pieces[count++] = fs_law_piece(line, begin, g, law->A, -law->psi[at]);
-        begin += zero;
-        g = FS_R(0.0);
-        if (begin >= end)
-            return count;
-    }
-    pieces[count++] = fs_law_piece(line, begin, g, law->A, law->psi[at + 2]);
-    return count;
-}
-
 /* The value at the end of the line, which its last piece has there. */
 static inline fs_real fs_value_at_end(const fs_piece *pieces, int count)
 {
@@ -135,9 +115,9 @@ static inline fs_real fs_value_at_end(const fs_piece *pieces, int count)
 static inline int fs_law_line(const fs_law *law, fs_real gain, fs_real *memory, fs_real u1,
                               fs_piece *pieces, int room, fs_real *value)
 {
-    fs_real u = memory[0], h = memory[1], du = u1 - u, until;
+    fs_real u = memory[0], h = memory[1], du = u1 - u, until, begin = FS_R(0.0), end;
     fs_line line;
-    int upper, count, crosses;
+    int upper, count = 0;
     if (!fs_finite(du))
         return -1;
     line.u = u;
@@ -146,17 +126,25 @@ static inline int fs_law_line(const fs_law *law, fs_real gain, fs_real *memory, 
     line.gain = gain;
     upper = fs_law_upper(law, u, line.s);
     until = line.s * (law->centre - u);
-    crosses = FS_R(0.0) < until && until < line.v;
-    if (room < (crosses ? 4 : 2))
+    end = FS_R(0.0) < until && until < line.v ? until : line.v;
+    if (room < (end < line.v ? 4 : 2))
         return -1;
-    if (crosses) {
-        count = fs_law_pieces_one_side(law, &line, FS_R(0.0), until, h, upper, pieces, 0);
-        h = fs_law_one_side(law, h, line.s, until, upper);
-        count = fs_law_pieces_one_side(law, &line, until, line.v, h, !upper, pieces, count);
-        h = fs_law_one_side(law, h, line.s, line.v - until, !upper);
-    } else {
-        count = fs_law_pieces_one_side(law, &line, FS_R(0.0), line.v, h, upper, pieces, 0);
-        h = fs_law_advance(law, h, u, du);
+    for (;;) {
+        int at = fs_law_branch(line.s, upper);
+        fs_real g = line.s * h, start = begin;
+        if (g < FS_R(0.0)) {
+            start += fs_distance_to_zero(-g, law->A, law->psi[at]);
+            pieces[count++] = fs_law_piece(&line, begin, g, law->A, -law->psi[at]);
+        }
+        if (start < end || g >= FS_R(0.0))
+            pieces[count++] =
+                fs_law_piece(&line, start, fs_max(g, FS_R(0.0)), law->A, law->psi[at + 2]);
+        h = fs_law_one_side(law, h, line.s, end - begin, upper);
+        if (!(end < line.v))
+            break;
+        begin = end;
+        end = line.v;
+        upper = !upper;
     }
     if (!fs_finite(h))
         return -1;

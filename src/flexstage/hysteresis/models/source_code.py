@@ -88,13 +88,14 @@ def code_of(
     parameters: Iterable[float] | Array,
     tunable: Iterable[TunableParameter],
     pieces: int,
+    header: str = "",
 ) -> HysteresisCode:
-    """Return the code of a model, with names by its kind.
+    """Return the code of a model, with names by its kind, or by a header of several kinds.
 
     `pieces` is the largest number of pieces of a line; 0 for none.
     """
-    name = model.kind.replace("-", "_")
-    header = f"hysteresis_{name}.h"
+    name = header.removesuffix(".h") or model.kind.replace("-", "_")
+    header = header or f"hysteresis_{name}.h"
     return HysteresisCode(
         kind=model.kind,
         header=header,

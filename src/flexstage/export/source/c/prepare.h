@@ -8,9 +8,6 @@
 #include "modes.h"
 #include "real.h"
 
-/* Smallest angle [rad] of a step at which integration by parts is accurate. */
-#define FS_LONG FS_R(8.0)
-
 /* The response g to an impulse after a time h, its rate, and its integrals
  * I[j] = int_0^h g(h - s) s^(j-1)/(j-1)! ds, I[0] = g, by power series; w h max(1, 2 zeta) <= 1. */
 static inline void fs_impulse_series(fs_real w, fs_real zeta, fs_real h, fs_real *rate, fs_real *I)
@@ -87,30 +84,9 @@ static inline void fs_impulse_doubled(fs_real w, fs_real zeta, fs_real *transiti
 /* Transition of a mode over one sample, in which it turns by w. */
 static inline void fs_unit_step(fs_real w, fs_real zeta, fs_real *transition, fs_real *moments)
 {
-    const int closed = zeta <= FS_R(0.999) && w >= FS_R(0.01);
     fs_real I[FS_ORDERS + 1];
     int j;
-    if (!closed || w < FS_LONG)
-        fs_impulse_doubled(w, zeta, transition, I);
-    if (closed) {
-        const fs_real a = zeta * w, damped = w * FS_SQRT(FS_R(1.0) - zeta * zeta);
-        const fs_real fall = FS_EXP(-a), g = fall * FS_SIN(damped) / damped;
-        const fs_real cosine = fall * FS_COS(damped);
-        transition[0] = cosine + a * g;
-        transition[1] = g;
-        transition[2] = -(w * w) * g;
-        transition[3] = cosine - a * g;
-        I[0] = g;
-        if (w >= FS_LONG) {
-            fs_real factorial = FS_R(1.0);
-            I[1] = (FS_R(1.0) - cosine - a * g) / (w * w);
-            for (j = 1; j < FS_ORDERS; j++) {
-                /* by parts; errors shrink from one to the next, as the angle is large */
-                factorial *= (fs_real)j;
-                I[j + 1] = (FS_R(1.0) / factorial - I[j - 1] - FS_R(2.0) * a * I[j]) / (w * w);
-            }
-        }
-    }
+    fs_impulse_doubled(w, zeta, transition, I);
     for (j = 0; j <= FS_ORDERS; j++)
         moments[j] = w * w * I[j];
 }

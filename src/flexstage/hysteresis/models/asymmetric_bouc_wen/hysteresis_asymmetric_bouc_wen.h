@@ -6,18 +6,12 @@
 #ifndef FS_HYSTERESIS_ASYMMETRIC_BOUC_WEN_H
 #define FS_HYSTERESIS_ASYMMETRIC_BOUC_WEN_H
 
-#include "monotone_run.h"
 #include "shape_law.h"
 
 /* The output at u1; memory is updated. Not finite if h grows without limit. */
 static inline fs_real fs_asymmetric_bouc_wen_move(const fs_real *p, fs_real *memory, fs_real u1)
 {
-    fs_law law;
-    if (p[6] == FS_R(1.0)) {
-        fs_real value = fs_run_move(FS_R(0.0), p[3], p[4], p[5], memory, u1);
-        return value + u1 * (p[0] + u1 * (p[1] + u1 * p[2]));
-    }
-    law = fs_classical_law(p[3], p[4], p[5], p[6]);
+    fs_law law = fs_classical_law(p[3], p[4], p[5], p[6]);
     return fs_law_move(&law, p[0], p[1], p[2], memory, u1);
 }
 

@@ -15,7 +15,6 @@ from flexstage.hysteresis.models.bouc_wen_common import (
     bouc_wen_matlab_code,
     classical_law,
     classical_properties,
-    simulate_runs,
 )
 from flexstage.hysteresis.models.source_code import HysteresisCode
 
@@ -139,15 +138,6 @@ class AsymmetricBoucWen(BoucWenModel):
             if self.lowest_input < turn < self.highest_input:
                 places.append(turn)
         return min(self.gain + u * (2.0 * self.quadratic + u * 3.0 * self.cubic) for u in places)
-
-    def _outputs(self, u: Array, state: Array, values: Array) -> float:
-        if self.exponent != 1.0:
-            return BoucWenModel._outputs(self, u, state, values)
-        h = simulate_runs(
-            u, state[0], state[1], 0.0, self.hysteresis_gain, self.beta, self.gamma, values
-        )
-        values += u * (self.gain + u * (self.quadratic + u * self.cubic))
-        return h
 
     def _compiled(self) -> tuple[Array, Array]:
         law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)

@@ -5,7 +5,6 @@
 #ifndef FS_HYSTERESIS_BOUC_WEN_H
 #define FS_HYSTERESIS_BOUC_WEN_H
 
-#include "monotone_run.h"
 #include "shape_law.h"
 
 /* Pieces of the output along the line from memory[0] to u1, for exponent 1, at most two; -1,
@@ -20,10 +19,7 @@ static inline int fs_bouc_wen_line(const fs_real *p, fs_real *memory, fs_real u1
 /* The output at u1; memory is updated. Not finite if h grows without limit. */
 static inline fs_real fs_bouc_wen_move(const fs_real *p, fs_real *memory, fs_real u1)
 {
-    fs_law law;
-    if (p[4] == FS_R(1.0))
-        return fs_run_move(p[0], p[1], p[2], p[3], memory, u1);
-    law = fs_classical_law(p[1], p[2], p[3], p[4]);
+    fs_law law = fs_classical_law(p[1], p[2], p[3], p[4]);
     return fs_law_move(&law, p[0], FS_R(0.0), FS_R(0.0), memory, u1);
 }
 

@@ -16,7 +16,6 @@ from flexstage.hysteresis.models.bouc_wen_common import (
     bouc_wen_matlab_code,
     classical_law,
     classical_properties,
-    simulate_runs,
 )
 from flexstage.hysteresis.models.source_code import HysteresisCode
 
@@ -94,12 +93,6 @@ class BoucWen(BoucWenModel):
             ),
         )
         return bounded, dissipative, invertible
-
-    def _outputs(self, u: Array, state: Array, values: Array) -> float:
-        if self.exponent != 1.0:
-            return BoucWenModel._outputs(self, u, state, values)
-        numbers = self.gain, self.hysteresis_gain, self.beta, self.gamma
-        return simulate_runs(u, state[0], state[1], *numbers, values)
 
     def _compiled(self) -> tuple[Array, Array]:
         law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)

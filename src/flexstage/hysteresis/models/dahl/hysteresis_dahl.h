@@ -5,7 +5,6 @@
 #ifndef FS_HYSTERESIS_DAHL_H
 #define FS_HYSTERESIS_DAHL_H
 
-#include "monotone_run.h"
 #include "shape_law.h"
 
 /* Pieces of the output along the line from memory[0] to u1, for exponent 1, at most two; -1,
@@ -21,8 +20,10 @@ static inline int fs_dahl_line(const fs_real *p, fs_real *memory, fs_real u1, fs
 static inline fs_real fs_dahl_move(const fs_real *p, fs_real *memory, fs_real u1)
 {
     fs_real sigma = p[1], limit = p[2], i = p[3], F = memory[1], du = u1 - memory[0];
-    if (i == FS_R(1.0))
-        return fs_run_move(p[0], sigma, sigma / limit, FS_R(0.0), memory, u1);
+    if (i == FS_R(1.0)) {
+        fs_law law = fs_classical_law(sigma, sigma / limit, FS_R(0.0), i);
+        return fs_law_move(&law, p[0], FS_R(0.0), FS_R(0.0), memory, u1);
+    }
     if (!fs_finite(u1))
         return u1 - u1;
     if (du != FS_R(0.0)) {

@@ -97,15 +97,15 @@ class Duhem(HysteresisModel):
                     f"the coefficients of the {name} must be one to four, got {coefficients.size}: "
                     f"give them from the constant up"
                 )
-            object.__setattr__(self, name, coefficients)
+            self._set(**{name: coefficients})
         low, high = (float(end) for end in fixed(self.input_range, "input range", (2,)))
         if not (low <= 0.0 <= high and low < high):
             raise ModelError(
                 f"the input range must rise and hold zero, where the model rests, "
                 f"got {low:g} to {high:g}"
             )
-        object.__setattr__(self, "rate", checked(self.rate, "rate", "positive and finite"))
-        object.__setattr__(self, "input_range", (low, high))
+        rate = checked(self.rate, "rate", "positive and finite")
+        self._set(rate=rate, input_range=(low, high))
 
     @property
     def input_limits(self) -> tuple[float, float]:
@@ -231,21 +231,14 @@ class Duhem(HysteresisModel):
         limit = c / -math.expm1(-2.0 * self.rate * (high - low))
         at_high = self.simulate([high]).values[-1]
         at_low = self.simulate([low]).values[-1]
-        up, down = self._branch(u, 0.0, 0.0, 1.0), self._branch(u, 0.0, 0.0, -1.0)
-        out = [np.where(u >= 0.0, up, down), self._branch(u, low, at_low, 1.0)]
+        rising = self.simulate(u[u >= 0.0]).values
+        falling = self.simulate(u[u <= 0.0][::-1]).values[::-1]
+        rest = np.concatenate((falling[: u.size - rising.size], rising))
+        out = [rest, self.simulate(u, [low, at_low]).values]
         for top in (limit, at_high, out[-1][-1]):
-            back = self._branch(u, high, top, -1.0)
-            out += [back, self._branch(u, low, back[0], 1.0)]
+            back = self.simulate(u[::-1], [high, top]).values[::-1]
+            out += [back, self.simulate(u, [low, back[0]]).values]
         return np.array(out)
-
-    def _branch(self, u: Array, start: float, y: float, sign: float) -> Array:
-        """Return the branch that goes through u upwards (+1) or downwards from a start."""
-        on = u[sign * (u - start) >= 0.0]
-        path = on if sign > 0.0 else on[::-1]
-        values = self.simulate(path, [start, y]).values
-        out = np.zeros(u.size)
-        out[sign * (u - start) >= 0.0] = values if sign > 0.0 else values[::-1]
-        return out
 
 
 def duhem_columns(u: ArrayLike, rate: float, curve: int, tangent: int) -> Array:
@@ -263,39 +256,10 @@ def duhem_columns(u: ArrayLike, rate: float, curve: int, tangent: int) -> Array:
     >>> duhem_columns([80.0, 30.0], 0.04, 3, 1) @ [2.0, 0.45, 0.4e-3, 0.3]
     array([35.76095275, 19.26880817])
     """
-    return _columns(np.ascontiguousarray(u, dtype=np.float64), rate, curve, tangent)
-
-
-@compiled
-def _columns(u: Array, alpha: float, curve: int, tangent: int) -> Array:
-    columns = np.zeros((u.size, curve + tangent))
-    change = np.zeros(max(curve, tangent))
-    here, last = np.zeros(curve + tangent), 0.0
-    for n in range(u.size):
-        if u[n] != last:
-            sign = 1.0 if u[n] > last else -1.0
-            v = sign * (u[n] - last)
-            phi1, phi2, phi3, phi4 = _phis(-alpha * v)
-            # powers of the input where the step begins, and their derivatives
-            d0, d1, d2, d3 = 1.0, 0.0, 0.0, 0.0
-            for k in range(change.size):
-                change[k] = v * (
-                    d0 * phi1 + v * (sign * d1 * phi2 + v * (d2 * phi3 + v * sign * d3 * phi4))
-                )
-                d0, d1, d2, d3 = (
-                    last * d0,
-                    last * d1 + d0,
-                    last * d2 + 2.0 * d1,
-                    last * d3 + 3.0 * d2,
-                )
-            decay = math.exp(-alpha * v)
-            for k in range(curve):
-                here[k] = decay * here[k] + alpha * change[k]
-            for k in range(tangent):
-                here[curve + k] = decay * here[curve + k] + sign * change[k]
-            last = u[n]
-        columns[n] = here
-    return columns
+    inputs, units = np.ascontiguousarray(u, dtype=np.float64), np.eye(2 * TERMS)
+    coefficients = [*units[:curve], *units[TERMS : TERMS + tangent]]
+    columns = [_simulate(inputs, rate, c[:TERMS], c[TERMS:], np.zeros(2)) for c in coefficients]
+    return np.column_stack(columns)
 
 
 @compiled

@@ -10,12 +10,11 @@ from flexstage.hysteresis.model import checked
 from flexstage.hysteresis.models.play_model import (
     PlayModel,
     Sum,
-    largest_pieces,
+    plays_c_code,
     plays_matlab_code,
-    sum_numbers,
     terms,
 )
-from flexstage.hysteresis.models.source_code import HysteresisCode, code_of, tunable_of
+from flexstage.hysteresis.models.source_code import HysteresisCode, tunable_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +40,7 @@ class Line(PlayModel):
     """Slope [unit of y per unit of u]; positive for an inverse."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gain", checked(self.gain, "gain"))
+        self._set(gain=checked(self.gain, "gain"))
 
     def play_terms(self) -> Sum:
         return terms(self.gain, np.zeros(1), np.empty(0), np.zeros((1, 1)))
@@ -49,9 +48,7 @@ class Line(PlayModel):
 
 def c_code(model: Line) -> HysteresisCode:
     """Return the code in C, whose gain can be changed."""
-    total = model.play_terms()
-    gain = tunable_of(model, "gain", 2, "slope")
-    return code_of(model, sum_numbers(total), [gain], largest_pieces(total))
+    return plays_c_code(model, [tunable_of(model, "gain", 2, "slope")])
 
 
 matlab_code = plays_matlab_code

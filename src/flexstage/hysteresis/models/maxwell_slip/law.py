@@ -101,14 +101,8 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         d = rising(self.dead_zones, "dead zones", least=0)
         k = fixed(self.element_stiffness, "stiffnesses of elements", r.shape)
         v = fixed(self.dead_zone_weights, "weights of dead zones", d.shape)
-        object.__setattr__(self, "stiffness", checked(self.stiffness, "stiffness"))
-        for name, value in (
-            ("thresholds", r),
-            ("element_stiffness", k),
-            ("dead_zones", d),
-            ("dead_zone_weights", v),
-        ):
-            object.__setattr__(self, name, value)
+        self._set(thresholds=r, element_stiffness=k, dead_zones=d, dead_zone_weights=v)
+        self._set(stiffness=checked(self.stiffness, "stiffness"))
         least = self._least_slope()
         if least <= 0.0:
             raise ModelError(

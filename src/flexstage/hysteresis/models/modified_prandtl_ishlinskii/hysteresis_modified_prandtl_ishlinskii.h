@@ -25,7 +25,7 @@ static inline fs_kinked_line fs_kinked_line_of(const fs_real *p)
 
 static inline fs_real fs_kinked_line_at(const fs_kinked_line *line, fs_real x)
 {
-    int j = fs_knots_below(line->knot, line->knots, x);
+    int j = fs_knots_below(line->knot, line->knots, x, 0);
     return line->offset[j] + line->slope[j] * x;
 }
 
@@ -39,7 +39,7 @@ static inline fs_piece fs_kinked_piece(const fs_kinked_line *line, const fs_piec
     fs_real middle = constant + FS_R(0.5) * of->slope * (end - start);
     piece.start = start;
     piece.constant = fs_kinked_line_at(line, constant);
-    piece.slope = of->slope * line->slope[fs_knots_below(line->knot, line->knots, middle)];
+    piece.slope = of->slope * line->slope[fs_knots_below(line->knot, line->knots, middle, 0)];
     return piece;
 }
 
@@ -55,7 +55,7 @@ static inline int fs_modified_prandtl_ishlinskii_line(const fs_real *p, fs_real 
     int straight, count = 0, free, i, k;
     if (room < (plays.count + 1) * (line.knots + 1))
         return -1;
-    straight = fs_plays_line(&plays, memory, u1, pieces, room, value);
+    straight = fs_plays_line(p, memory, u1, pieces, room, value);
     if (straight < 0)
         return -1;
     free = room - straight;
@@ -86,7 +86,7 @@ static inline fs_real fs_modified_prandtl_ishlinskii_move(const fs_real *p, fs_r
 {
     fs_plays plays = fs_plays_of(p);
     fs_kinked_line line = fs_kinked_line_of(fs_plays_end(&plays));
-    return fs_kinked_line_at(&line, fs_plays_move(&plays, memory, u1));
+    return fs_kinked_line_at(&line, fs_plays_move(p, memory, u1));
 }
 
 #endif

@@ -85,12 +85,8 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
     def __post_init__(self) -> None:
         plays = self._plays()
         d = rising(self.dead_zones, "dead zones", least=0)
-        object.__setattr__(self, "gain", plays.gain)
-        object.__setattr__(self, "thresholds", plays.thresholds)
-        object.__setattr__(self, "weights", plays.weights)
-        object.__setattr__(self, "dead_zones", d)
         weights = fixed(self.dead_zone_weights, "weights of dead zones", d.shape)
-        object.__setattr__(self, "dead_zone_weights", weights)
+        self._set(**plays.parameters(), dead_zones=d, dead_zone_weights=weights)
         self.line()
 
     def line(self) -> PiecewiseLinear:

@@ -12,11 +12,11 @@ from flexstage.hysteresis.models.play_model import (
     PlayModel,
     Sum,
     play_parameters,
+    plays_c_code,
     plays_matlab_code,
-    sum_numbers,
     terms,
 )
-from flexstage.hysteresis.models.source_code import HysteresisCode, code_of
+from flexstage.hysteresis.models.source_code import HysteresisCode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,9 +66,8 @@ class PrandtlIshlinskii(PlayModel):
 
     def __post_init__(self) -> None:
         r = rising(self.thresholds, "thresholds of plays", above=0.0)
-        object.__setattr__(self, "gain", checked(self.gain, "gain"))
-        object.__setattr__(self, "thresholds", r)
-        object.__setattr__(self, "weights", fixed(self.weights, "weights of plays", r.shape))
+        weights = fixed(self.weights, "weights of plays", r.shape)
+        self._set(gain=checked(self.gain, "gain"), thresholds=r, weights=weights)
 
     def inverse_plays(self) -> tuple[float, Array, Array]:
         """Return the inverse as a sum of plays of the output, for a controller's own program.
@@ -104,8 +103,7 @@ class PrandtlIshlinskii(PlayModel):
 
 def c_code(model: PrandtlIshlinskii) -> HysteresisCode:
     """Return the code in C, whose gain and weights can be changed."""
-    tunable = play_parameters(model, model.thresholds)
-    return code_of(model, sum_numbers(model.play_terms()), tunable, model.thresholds.size + 1)
+    return plays_c_code(model, play_parameters(model, model.thresholds))
 
 
 matlab_code = plays_matlab_code

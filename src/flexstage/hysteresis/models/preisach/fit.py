@@ -59,10 +59,10 @@ class PreisachFit(LinearFit):
         # second differences along thresholds and along means; the first threshold, zero, is a gain
         # without memory and no neighbour of the others
         m, p = self._thresholds, self._means
-        along = np.kron(np.eye(m), _second_difference(p))
+        along = np.kron(np.eye(m), np.diff(np.eye(p), 2, axis=0))
         skip = np.zeros((m - 1, m))
         skip[:, 1:] = np.eye(m - 1)
-        across = np.kron(_second_difference(m - 1) @ skip, np.eye(p))
+        across = np.kron(np.diff(skip, 2, axis=0), np.eye(p))
         rows = np.concatenate((along, across))
         # densities without samples are no neighbours of the others
         rows = rows[~np.any((rows != 0.0) & ~moving, axis=1)]
@@ -108,10 +108,3 @@ class PreisachFit(LinearFit):
             solution = method.solution(total - part, data)
             squares.append(residual_square(part, solution) / part.count)
         return np.array(squares)
-
-
-def _second_difference(n: int) -> Array:
-    matrix = np.zeros((max(n - 2, 0), n))
-    for i in range(n - 2):
-        matrix[i, i : i + 3] = (1.0, -2.0, 1.0)
-    return matrix

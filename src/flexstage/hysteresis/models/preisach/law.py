@@ -7,20 +7,18 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, checked, fixed, rising
 from flexstage.hysteresis.models.play_model import (
     THRESHOLD,
     PlayModel,
     Sum,
     elements,
-    largest_pieces,
+    plays_c_code,
     plays_matlab_code,
-    sum_numbers,
     terms,
 )
 from flexstage.hysteresis.models.play_sum import play_columns
-from flexstage.hysteresis.models.source_code import HysteresisCode, code_of, tunable_of
+from flexstage.hysteresis.models.source_code import HysteresisCode, tunable_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,9 +85,7 @@ class Preisach(PlayModel):
         r = rising(self.thresholds, "thresholds of plays", lowest=0.0)
         k = rising(self.knots, "knots", least=2)
         slopes = fixed(self.slopes, "slopes", (r.size, k.size - 1))
-        for name, value in (("thresholds", r), ("knots", k), ("slopes", slopes)):
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "gain", checked(self.gain, "gain"))
+        self._set(thresholds=r, knots=k, slopes=slopes, gain=checked(self.gain, "gain"))
 
     def play_terms(self) -> Sum:
         # The outermost slopes are extrapolated, so only the inner knots matter.
@@ -113,51 +109,16 @@ def preisach_columns(u: ArrayLike, thresholds: ArrayLike, knots: ArrayLike) -> A
     array([[40., 38., 40., 31.],
            [32.,  0., 39.,  0.]])
     """
-    return _ramps(play_columns(u, thresholds), np.array(knots, dtype=np.float64))
-
-
-@compiled
-def _ramps(plays: Array, knots: Array) -> Array:
-    """Return the ramp over each interval for each play, zero where the play is zero.
-
-    The outermost intervals have no outer end.
-    """
-    intervals = knots.size - 1
-    count = plays.shape[1]
-    none, full = np.zeros(intervals), knots[1:] - knots[:-1]
-    zero = _inside(0.0, knots, 0)
-    for j in range(intervals):
-        at_zero = -knots[j] if j == zero else (full[j] if j < zero else 0.0)
-        none[j] -= at_zero
-        full[j] -= at_zero
-    out = np.empty((plays.shape[0], count * intervals))
-    where = np.zeros(count, dtype=np.int64)
-    for n in range(plays.shape[0]):
-        for i in range(count):
-            inside = _inside(plays[n, i], knots, where[i])
-            where[i] = inside
-            first = i * intervals
-            for j in range(inside):
-                out[n, first + j] = full[j]
-            out[n, first + inside] = (plays[n, i] - knots[inside]) + none[inside]
-            for j in range(inside + 1, intervals):
-                out[n, first + j] = none[j]
-    return out
-
-
-@compiled
-def _inside(p: float, knots: Array, j: int) -> int:
-    """Return the interval that holds p, searched from interval j on."""
-    while j < knots.size - 2 and p > knots[j + 1]:
-        j += 1
-    while j > 0 and p < knots[j]:
-        j -= 1
-    return j
+    plays, k = play_columns(u, thresholds), np.array(knots, dtype=np.float64)
+    # the outermost intervals have no outer end
+    low, high = np.append(-np.inf, k[1:-1]), np.append(k[1:-1], np.inf)
+    ramps = np.clip(plays[:, :, None], low, high)
+    ramps -= np.clip(0.0, low, high)
+    return ramps.reshape(plays.shape[0], -1)
 
 
 def c_code(model: Preisach) -> HysteresisCode:
     """Return the code in C; the gain alone can be changed, as tables hold knots and slopes."""
-    total = model.play_terms()
     tunable = [
         tunable_of(model, "gain", 2, "part of the voltage itself"),
         *elements(model, "thresholds", model.thresholds, THRESHOLD),
@@ -167,7 +128,7 @@ def c_code(model: Preisach) -> HysteresisCode:
             for i, j in np.ndindex(*model.slopes.shape)
         ),
     ]
-    return code_of(model, sum_numbers(total), tunable, largest_pieces(total))
+    return plays_c_code(model, tunable)
 
 
 matlab_code = plays_matlab_code
