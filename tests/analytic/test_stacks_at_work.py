@@ -210,8 +210,10 @@ def test_a_rate_that_cannot_be_is_refused(stage: str, rate: str, message: str, c
 
 def test_the_report_has_a_section_on_stacks() -> None:
     study = run_study(STAGE, StudyRequest.of_models("lumped"))
-    pictures, *tables = stack_section(study)
+    pictures, line, supply, words = stack_section(study)
     assert len(pictures.pictures) == 2
-    assert len(tables) == 2
+    assert line.caption == "Working line of each stack at full voltage"
+    assert len(supply.rows) == 2
+    assert "upper bound" in words
     screws = run_study(design("vgtu-mechanical"), StudyRequest.of_models("lumped"))
     assert not list(stack_section(screws))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -103,4 +104,9 @@ def stack_section(study: "Study") -> Iterator[Content]:
         ),
         columns=2,
     )
-    yield from stack_tables(stacks)
+    for each in stack_tables(stacks):
+        yield replace(each, caption=each.caption.capitalize())
+    yield (
+        "The supply is that of a capacitor, at the natural frequency of the axis as an upper bound "
+        "of the rate; at the resonance itself the current of the motion adds to it."
+    )

@@ -7,6 +7,12 @@ from typing import Any
 from flexstage.base.errors import ModelError
 from flexstage.files.plain import picked
 
+# keys of the plain data of a supply
+_KEYS = (
+    "capacitance", "voltage", "rate", "charge", "peak_current", "mean_current", "slew",
+    "reactive_power", "heat", "temperature_rise", "limits", "limited_by", "largest_rate",
+)  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StackSupply:
@@ -118,22 +124,7 @@ class StackSupply:
 
     def data(self) -> dict[str, Any]:
         """Return the supply as plain data."""
-        return picked(
-            self,
-            "capacitance",
-            "voltage",
-            "rate",
-            "charge",
-            "peak_current",
-            "mean_current",
-            "slew",
-            "reactive_power",
-            "heat",
-            "temperature_rise",
-            "limits",
-            "limited_by",
-            "largest_rate",
-        )
+        return picked(self, *_KEYS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

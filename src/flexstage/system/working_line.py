@@ -9,6 +9,13 @@ from flexstage.stage.model import Stage
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.seated_drives import static_drives
 
+# keys of the plain data of a working line
+_KEYS = (
+    "free_stroke=drive.free_stroke", "stiffness=drive.stiffness", "blocking_force",
+    "stage_stiffness", "preload_stiffness", "stroke", "stroke_share", "lost_on_seats", "force",
+    "force_share", "contact_force",
+)  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkingLine:
@@ -67,18 +74,7 @@ class WorkingLine:
 
     def data(self) -> dict[str, Any]:
         """Return the working line as plain data."""
-        return picked(self.drive, "free_stroke", "stiffness") | picked(
-            self,
-            "blocking_force",
-            "stage_stiffness",
-            "preload_stiffness",
-            "stroke",
-            "stroke_share",
-            "lost_on_seats",
-            "force",
-            "force_share",
-            "contact_force",
-        )
+        return picked(self, *_KEYS)
 
 
 def working_lines(stage: Stage, system: MechanicalSystem) -> tuple[WorkingLine, ...]:
