@@ -52,8 +52,8 @@ def analyse(
     Parameters
     ----------
     folder
-        Write analysis.json with the Bode data, a Bode diagram of each axis, and the workspace of
-        all drives together.
+        Write analysis.json with the Bode data, a Bode diagram of each axis, the workspace of all
+        drives together, and with --rate the working line of each stack.
     vtu
         Also write static shapes at full stroke and mode shapes for ParaView, to vtu/ in --folder
         (plane and solid models).
@@ -85,7 +85,7 @@ def _write_files(
     if folder is None and figure is None:
         return []
     from flexstage.files.write import write_files
-    from flexstage.report.result_files import analysis_files, bode_files
+    from flexstage.report.result_files import analysis_files, bode_files, working_line_files
 
     files: list[Path] = []
     runs = results.runs
@@ -93,7 +93,8 @@ def _write_files(
         within = folder / name if folder is not None and len(runs) > 1 else folder
         if within is not None:
             single = replace(results, runs={name: run}, skipped_models={})
-            files += write_files(within, analysis_files(run.analysis, single.to_dict()))
+            written = analysis_files(run.analysis, single.to_dict())
+            files += write_files(within, written | working_line_files(run.stacks))
             if vtu and run.mesh is not None:
                 from flexstage.export import field_files
 
@@ -107,6 +108,8 @@ def _write_files(
 
 
 def _print(screen: "Console", run: "ModelRun") -> None:
+    from flexstage.report.stacks import stack_tables
+
     analysis = run.analysis
     _characteristics(screen, analysis)
     _modes(screen, analysis)
@@ -115,6 +118,8 @@ def _print(screen: "Console", run: "ModelRun") -> None:
     _responses(screen, analysis)
     _loads(screen, analysis)
     _bars(screen, run.bars)
+    for table in stack_tables(run.stacks):
+        display_table(screen, table)
     print_notes(screen, analysis.validity)
 
 

@@ -96,7 +96,11 @@ class Decoder:
         if kind in self.format.forms:
             return self.format.forms[kind].read(self, node, path, base)
         if (family := members(kind, self.format)) is not None:
-            return self._member(family, node, path, base)
+            entry = self.mapping(node, path)
+            if "as" in entry.items and kind in self.format.bought:
+                # a bought part replaces all of the part that it stands for
+                entry, base = self._bought(kind, entry, path), None
+            return self._member(family, entry, path, base)
         if (inner := optional_part(kind)) is not None:
             if isinstance(node, Scalar) and node.value is None:
                 return None
@@ -229,14 +233,28 @@ class Decoder:
         return family[name]
 
     def _member(
-        self, family: collections.abc.Mapping[str, type], node: Node, path: str, base: Any
+        self, family: collections.abc.Mapping[str, type], entry: Mapping, path: str, base: Any
     ) -> Any:
-        entry = self.mapping(node, path)
         base_kind = (
             None if type(base) not in family.values() or "kind" in entry.items else type(base)
         )
         kind = base_kind or self.member(family, entry, path, "kind")
         return self.build(kind, entry, path, base=base, also=["kind"])
+
+    def _bought(self, kind: Any, entry: Mapping, path: str) -> Mapping:
+        """Return a mapping with those keys of the bought part it names that it does not have."""
+        if "as" not in entry.items or kind not in self.format.bought:
+            return entry
+        parts = self.format.bought[kind]()
+        place, where = entry.items["as"], f"{path}.as"
+        name = self.text(place, where)
+        if name not in parts:
+            self.refuse(place, where, unknown("bought part", name, sorted(parts), 0.4))
+        part, keys = parts[name].items, {k: v for k, v in entry.items.items() if k != "as"}
+        if "kind" in keys and show(keys["kind"]) != show(part["kind"]):
+            kinds = f"is of kind {show(part['kind'])}, not {show(keys['kind'])}: remove the key"
+            self.refuse(keys["kind"], f"{path}.kind", f"the bought part '{name}' {kinds}")
+        return Mapping(entry.line, {**part, **keys}, entry.key_lines)
 
     def mapping(self, node: Node, path: str) -> Mapping:
         """Return a mapping; refuse any other node."""
@@ -274,7 +292,7 @@ class Decoder:
         )
 
     def _named(self, kind: Any, name: str, node: Node, path: str) -> Any:
-        entry = self.mapping(node, path)
+        entry = self._bought(kind, self.mapping(node, path), path)
         family = members(kind, self.format)
         if family is None:
             return self.build(kind, entry, path, {"name": name})

@@ -52,6 +52,8 @@ class Format:
     """Families of classes: members by the word for their kind in the file."""
     forms: Mapping[Any, Form] = field(default_factory=dict)
     """Forms of values by type."""
+    bought: Mapping[Any, Callable[[], Mapping[str, Any]]] = field(default_factory=dict)
+    """Keys of bought parts by designation, by the type that names one in its key ``as``."""
     length_unit: bool = False
     """The file may have a unit for lengths that are bare numbers."""
     parameters: bool = False

@@ -108,7 +108,7 @@ class SchemaBuilder:
             return self.define(kind.__name__, lambda: make(self))
         if (family := members(kind, self.format)) is not None:
             name = getattr(kind, "__name__", " or ".join(p.__name__ for p in union_parts(kind)))
-            return self.define(name, lambda: self.family(family))
+            return self.define(name, lambda: self.bought(kind, self.family(family)))
         if (inner := optional_part(kind)) is not None:
             return {"anyOf": [self.of(inner), {"type": "null"}]}
         if parts := union_parts(kind):
@@ -137,7 +137,7 @@ class SchemaBuilder:
             return {"type": [_PLAIN[kind]["type"], "string"], "pattern": _EXPRESSION}
         if kind in _PLAIN:
             return dict(_PLAIN[kind])
-        return self.define(kind.__name__, lambda: self.describe(kind))
+        return self.define(kind.__name__, lambda: self.bought(kind, self.describe(kind)))
 
     def describe(
         self, cls: type, kind: str | None = None, *, named: bool = False
@@ -181,6 +181,33 @@ class SchemaBuilder:
             ],
         }
 
+    def bought(self, kind: Any, schema: dict[str, Any]) -> dict[str, Any]:
+        """Return the schema of a mapping, which may name a bought part in its key ``as``."""
+        if kind not in self.format.bought:
+            return schema
+        parts = self.format.bought[kind]()
+        branches = {
+            branch["if"]["properties"]["kind"]["const"]: branch["then"]
+            for branch in schema.get("allOf", ())
+        }
+        for word, member in (branches or {"": schema}).items():
+            of_kind = {
+                name: part.items
+                for name, part in parts.items()
+                if "kind" not in part.items or part.items["kind"].text == word
+            }
+            if of_kind:
+                keys = {key for part in of_kind.values() for key in part}
+                member["properties"] = {"as": _bought(of_kind), **member["properties"]}
+                needed = [key for key in member["required"] if key in keys]
+                member["required"] = [key for key in member["required"] if key not in keys]
+                if needed:
+                    member["anyOf"] = [{"required": ["as"]}, {"required": needed}]
+        if branches:
+            schema["properties"]["as"] = _bought(parts)
+            schema["anyOf"] = [{"required": [key]} for key in [*schema.pop("required"), "as"]]
+        return schema
+
     def quantity(self, dimension: Dimension) -> dict[str, Any]:
         """Return the schema of a number with its unit."""
         bare = dimension.name == "length" and self.format.length_unit
@@ -203,6 +230,10 @@ class SchemaBuilder:
     def list_of(item: dict[str, Any], count: int) -> dict[str, Any]:
         """Return the schema of a list of some length."""
         return {"type": "array", "items": item, "minItems": count, "maxItems": count}
+
+
+def _bought(parts: Mapping[str, Any]) -> dict[str, Any]:
+    return {"enum": sorted(parts), "description": "A bought part, whose keys it has."}
 
 
 def _in_per_cent(kind: Any, number: dict[str, Any]) -> dict[str, Any]:

@@ -19,7 +19,8 @@ from flexstage.quantities.units.dimension import MEASURED
 from flexstage.records.read_options import Rows
 from flexstage.stage.assumptions import DAMPING_RATIO
 
-_VOLTAGES = Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")]
+#: Lowest and highest voltage [V].
+Voltages = Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")]
 _CURRENT = Annotated[float, MEASURED["current"], POSITIVE]
 #: Model of a stage that resonates within the band of its command, identified alone.
 OSCILLATOR = "bouc-wen-oscillator"
@@ -162,7 +163,7 @@ class AmplifierLimits(Request):
 class ExciteRequest(Request):
     """Drive record for the identification of a piezo stage."""
 
-    voltage: _VOLTAGES | None = None
+    voltage: Voltages | None = None
     """Voltage range, such as "0:120" (default: that of the stack)."""
     rates: Annotated[
         tuple[PositiveFrequency, ...], Written("FREQUENCIES", bare="Hz", commas=True)
@@ -220,7 +221,7 @@ class CompensateRequest(Request):
     """Count the reference from the lowest reading that the drive reaches, and not from the zero of
     the sensor.
     """
-    voltage: _VOLTAGES | None = None
+    voltage: Voltages | None = None
     """Voltage range of the command, such as "0:120" (default: the range of the identification). Of
     coupled drives: deviations from the operating point, such as "-20:20" (default: the smallest
     largest deviation of an input in their records).

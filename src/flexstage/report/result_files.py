@@ -17,6 +17,7 @@ from flexstage.files.plain import json_text
 from flexstage.report.figures.body_motion import draw_reachable_area
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.style import encode
+from flexstage.report.figures.working_line import draw_working_line
 from flexstage.report.optimise import front_html
 from flexstage.report.sweep import sweep_html
 from flexstage.report.tolerance import tolerance_page
@@ -26,6 +27,7 @@ from flexstage.studies.explore.sensitivity import Sensitivities
 from flexstage.studies.explore.sweep import FAULT, Sweep
 from flexstage.studies.explore.tolerance import ToleranceStudy
 from flexstage.studies.results import results_json
+from flexstage.studies.stacks import StackAtWork
 from flexstage.system import Analysis
 
 Files = dict[str, bytes]
@@ -46,6 +48,16 @@ def bode_files(analysis: Analysis, stem: str = "bode", kind: str = "svg") -> Fil
     return {
         f"{stem}-{name}.{kind}": encode(draw_bode(analysis, a.axis), kind.lower())
         for name, a in zip(names, analysis.axes, strict=True)
+    }
+
+
+def working_line_files(stacks: Iterable[StackAtWork]) -> Files:
+    """Return the working line of each stack, by the name of its file."""
+    lines = [stack.line for stack in stacks]
+    names = file_names([line.drive.name for line in lines])
+    return {
+        f"working-line-{name}.svg": encode(draw_working_line(line), "svg")
+        for name, line in zip(names, lines, strict=True)
     }
 
 

@@ -23,6 +23,7 @@ from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.style import FIXED, css_name
 from flexstage.report.measurement import measurement_section, measurement_text
 from flexstage.report.page import fragment, page_html
+from flexstage.report.stacks import stack_section
 from flexstage.report.study_sections import (
     bench_section,
     centring_section,
@@ -299,6 +300,7 @@ CHAPTERS: dict[str, Chapter] = {
             ),
             "static": ("Static shapes", _static),
             "stroke": ("Motion over the stroke", _stroke),
+            "stacks": ("Stacks at work", stack_section),
         },
     ),
     "dynamics": Chapter(

@@ -28,6 +28,7 @@ from flexstage.files.yaml_text import Number, yaml_text
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import PROFILES
 from flexstage.quantities.units import DIMENSIONS
+from flexstage.stage.bought_parts import bought_drives
 from flexstage.stage.copies import (
     COPIES,
     read_with_copies,
@@ -35,7 +36,7 @@ from flexstage.stage.copies import (
     with_shared_profiles,
 )
 from flexstage.stage.copies import PROFILES as SHARED
-from flexstage.stage.drive import DRIVES, Drive
+from flexstage.stage.drive import DRIVES, AnyActuator, Drive
 from flexstage.stage.model import Stage
 from flexstage.stage.outline import LARGEST, SMALLEST, Circle, Loop
 from flexstage.stage.seat import SEATS, Seat
@@ -198,6 +199,7 @@ STAGE_FILE = Format(
         Loop | Circle: Form(read=_read_outline),
         PlaneMotion: Form(read=_read_line, schema=_line_schema),
     },
+    bought={Drive: bought_drives, AnyActuator: bought_drives},
 )
 
 

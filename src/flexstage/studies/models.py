@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
     from flexstage.fem.superelement import SuperelementModel
+    from flexstage.studies.stacks import StackAtWork
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,6 +46,8 @@ class ModelRun:
     """Motion over the full stroke with finite displacements, if requested."""
     bars: Mapping[str, float] = field(default_factory=dict)
     """Buckling load of each bar between two notches [N], if requested."""
+    stacks: "tuple[StackAtWork, ...]" = ()
+    """Stacks at work, if a rate was requested."""
 
     __repr__ = short_repr
 
@@ -91,6 +94,8 @@ class ModelRun:
             }
         if self.bars:
             out["bar_buckling_load"] = plain(self.bars)
+        if self.stacks:
+            out["stacks"] = {s.line.drive.name: s.data() for s in self.stacks}
         return out
 
 
@@ -288,6 +293,8 @@ def known_model(model: str) -> None:
 
 def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
     """Analyse a stage with several of `MODELS`."""
+    from flexstage.studies.stacks import stacks_at_work
+
     names = models_of(request.model)
     if not names:
         raise ModelError(f"--model names no model: choose from {', '.join(MODELS)}")
@@ -296,7 +303,9 @@ def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
     for i, name in enumerate(names):
         with progress.subtask(i / len(names), (i + 1) / len(names)):
             try:
-                runs[name] = run_model(stage, name, request.options)
+                run = run_model(stage, name, request.options)
+                stacks = stacks_at_work(run.analysis, request.stacks)
+                runs[name] = replace(run, stacks=stacks)
             except FlexstageError as error:
                 if "all" not in request.model:
                     raise

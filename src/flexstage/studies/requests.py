@@ -1,11 +1,14 @@
 """Requests of analyses and studies of a stage."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from flexstage.files.ranges import INNER_SHARE, Seed, Written
+from flexstage.base.errors import ModelError, UnitError
+from flexstage.files.ranges import INNER_SHARE, POSITIVE, Seed, Written
 from flexstage.files.request import Request
 from flexstage.hinges.requests import Plane
+from flexstage.hysteresis.requests import AmplifierLimits, Voltages
+from flexstage.quantities.units import parse
 from flexstage.system.requests import ModelName, ModelNames
 
 if TYPE_CHECKING:
@@ -47,6 +50,44 @@ class ModelOptions(Request):
     """A similar stage, whose superelements are reused for equal bodies."""
 
 
+def _read_rate(text: str) -> float | str:
+    """Return a frequency [Hz], or the word natural."""
+    if text.strip().lower() == "natural":
+        return "natural"
+    try:
+        return parse(text, "frequency", bare_unit="Hz")
+    except UnitError as error:
+        raise UnitError(f"{error}; or natural") from None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StackOptions(Request):
+    """Stacks at work, if a rate is given."""
+
+    heading: ClassVar[str] = "Stacks"
+
+    rate: Annotated[float | str, Written("RATE|natural", read=_read_rate)] | None = None
+    """Also print the working line of each stack, and what its amplifier must give for a sine at
+    this rate, such as "50 Hz", or at the natural frequency of its axis.
+    """
+    voltage: Voltages | None = None
+    """Voltage range of the sine, such as "0:100" (default: that of the stack)."""
+    amplifier: AmplifierLimits = AmplifierLimits()
+    """Limits of the amplifier, such as "slew=2000 V/s,current=50 mA" (default: current=0.3 A, the
+    slew and the capacitance of the stack).
+    """
+    loss_factor: Annotated[float, INNER_SHARE, Written("SHARE")] | None = None
+    """Dielectric loss factor of the stacks, for their heat."""
+    thermal_resistance: Annotated[float, POSITIVE, Written("K/W")] | None = None
+    """Rise of temperature of a stack over its heat [K/W]."""
+
+    def __post_init__(self) -> None:
+        super(StackOptions, self).__post_init__()
+        rate = self.rate
+        if not (rate is None or rate == "natural" or (isinstance(rate, float) and rate > 0.0)):
+            raise ModelError(f"rate must be a frequency above 0, or natural, got '{rate}'")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnalyseRequest(Request):
     """Analysis of a stage by one or several models."""
@@ -55,6 +96,8 @@ class AnalyseRequest(Request):
     """Models, separated by commas, or all."""
     options: ModelOptions = ModelOptions()
     """Options of each model."""
+    stacks: StackOptions = StackOptions()
+    """Stacks at work."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

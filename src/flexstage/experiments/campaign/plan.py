@@ -21,6 +21,7 @@ from flexstage.files.format import Format
 from flexstage.files.nodes import Mapping, Scalar
 from flexstage.files.ranges import require_ranges
 from flexstage.quantities.sensor import SensorSpecification
+from flexstage.stage.bought_parts import bought_sensors
 
 _MOTIONS = ("along", "across", "vertical", "roll", "pitch", "yaw")
 _COMMANDED = {"command": "command"}
@@ -217,6 +218,7 @@ CAMPAIGN_FILE = Format(
     noun="description of tests",
     key="campaign",
     error=StageError,
+    bought={SensorSpecification: bought_sensors},
 )
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from flexstage.base.choose import did_you_mean
 from flexstage.base.errors import ModelError, StageError
 from flexstage.base.lazy import data_frame
-from flexstage.files.request import request_of
+from flexstage.files.request import request_fields, request_of
 from flexstage.files.result import Result
 from flexstage.quantities.characteristic import Characteristics
 from flexstage.quantities.comparison import Comparison
@@ -25,7 +25,8 @@ from flexstage.stage import Issue, Stage
 from flexstage.stage import check as check_stage
 from flexstage.studies.explore.workers import open_workers
 from flexstage.studies.models import ModelRun, run_model
-from flexstage.studies.requests import AnalyseRequest, ModelOptions
+from flexstage.studies.requests import AnalyseRequest, ModelOptions, StackOptions
+from flexstage.studies.stacks import stacks_at_work
 from flexstage.system import Analysis, MechanicalSystem
 
 if TYPE_CHECKING:
@@ -139,7 +140,8 @@ def analyse(
         elements of the whole; ``superelement-3d`` and ``solid``: the same two in three dimensions.
     **fields
         Fields of `flexstage.studies.requests.ModelOptions`, such as ``estimate=True``: plane,
-        accuracy, quantity, estimate, supports and stroke.
+        accuracy, quantity, estimate, supports and stroke; and of `StackOptions`, such as
+        ``rate="50 Hz"``.
 
     Returns
     -------
@@ -157,9 +159,13 @@ def analyse(
     >>> print(f"{fs.analyse('vgtu-piezo').value('natural_frequency_hz', 'x'):.1f} Hz")
     321.1 Hz
     """
+    of_stacks = {name: fields.pop(name) for name in request_fields(StackOptions) if name in fields}
+    stacks = request_of(StackOptions, None, of_stacks)
     options = request_of(ModelOptions, None, fields)
     run = run_model(stage_of(stage), model, options)
-    request = request_of(AnalyseRequest, None, {"model": model, "options": options})
+    run = replace(run, stacks=stacks_at_work(run.analysis, stacks))
+    parts = {"model": model, "options": options, "stacks": stacks}
+    request = request_of(AnalyseRequest, None, parts)
     return StageAnalysis(request=request, run=run)
 
 

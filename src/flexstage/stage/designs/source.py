@@ -211,8 +211,14 @@ def chosen_design(
 ) -> tuple[Topology, ParameterSet | None, Any]:
     """Return family, built-in design and dimensions of a design with settings."""
     design = _names_of(name)
-    # another kind of what stands there has parameters of its own, which are checked as in a file
-    anew = tuple(setting.removesuffix("kind") for setting in settings if setting.endswith(".kind"))
+    # another kind of what stands there, or a bought part, has parameters of its own, which are
+    # checked as in a file
+    anew = tuple(
+        setting.removesuffix(key)
+        for setting in settings
+        for key in ("kind", "as")
+        if setting.endswith(f".{key}")
+    )
     for setting in settings:
         if not setting.startswith(anew or ("kind",)) or setting in design:
             require_known(f"the design '{name}'", setting, design, StageError)

@@ -1,0 +1,112 @@
+"""Tables and section on stacks at work: working lines, and what their amplifiers give."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from flexstage.base.errors import FlexstageError
+from flexstage.quantities.quantity import number
+from flexstage.quantities.section import Content, Picture, Pictures
+from flexstage.quantities.table import Table, table
+from flexstage.report.figures.working_line import draw_working_line
+from flexstage.stage import PiezoStack
+from flexstage.stage.stack_supply import StackSupply
+from flexstage.studies.requests import StackOptions
+from flexstage.studies.stacks import StackAtWork, stacks_at_work
+
+if TYPE_CHECKING:
+    from flexstage.studies.study import Study
+
+_LINE = (
+    "<drive", "free stroke, µm", "stroke left, µm", "%", "stage, N/µm", "stack, N/µm", "force, N",
+    "% of blocking force",
+)  # fmt: skip
+_SUPPLY = (
+    "<drive", "rate, Hz", "voltage, V", "charge, µC", "peak current, mA", "mean current, mA",
+    "slew, V/ms", "reactive power, var", "largest rate, Hz", "largest voltage, V", "<limited by",
+)  # fmt: skip
+
+
+def stack_tables(stacks: Sequence[StackAtWork]) -> Iterator[Table]:
+    """Yield the tables of stacks at work; that of the supply if a capacitance is known."""
+    if not stacks:
+        return
+    lines = [s.line for s in stacks]
+    # seats and preload are columns of their own where there are any
+    seated = any(line.drive.seats or line.drive.preload for line in lines)
+    rows = []
+    for line in lines:
+        figures = (
+            1e6 * line.drive.free_stroke,
+            1e6 * line.stroke,
+            100.0 * line.stroke_share,
+            1e-6 * line.stage_stiffness,
+            1e-6 * line.drive.stiffness,
+            line.force,
+            100.0 * line.force_share,
+            *((1e6 * line.lost_on_seats, line.contact_force) if seated else ()),
+        )
+        rows.append((line.drive.name, *map(number, figures)))
+    heads = (*_LINE, *(("lost on seats, µm", "force on seats, N") if seated else ()))
+    yield table("working line of each stack at full voltage", heads, rows)
+    supplies = {s.line.drive.name: s.supply for s in stacks if s.supply is not None}
+    if supplies:
+        yield _supply_table(supplies)
+
+
+def _supply_table(supplies: dict[str, StackSupply]) -> Table:
+    heat = any(s.heat is not None for s in supplies.values())
+    rise = any(s.temperature_rise is not None for s in supplies.values())
+    rows = []
+    for name, s in supplies.items():
+        figures = (
+            s.rate,
+            s.voltage,
+            1e6 * s.charge,
+            1e3 * s.peak_current,
+            1e3 * s.mean_current,
+            1e-3 * s.slew,
+            s.reactive_power,
+            s.largest_rate,
+            min(s.limits.values()),
+        )
+        warm = (*((s.heat,) if heat else ()), *((s.temperature_rise,) if rise else ()))
+        rows.append((name, *map(number, figures), s.limited_by, *(number(w or 0.0) for w in warm)))
+    heads = (*_SUPPLY, *(("heat, W",) if heat else ()), *(("rise, K",) if rise else ()))
+    some = next(iter(supplies.values()))
+    slew = "" if math.isinf(some.largest_slew) else f" and {1e-3 * some.largest_slew:g} V/ms"
+    limits = f"amplifier of {1e3 * some.largest_current:g} mA{slew}"
+    note = f"Largest rate at this voltage, and largest voltage at this rate: {limits}."
+    return table("supply of each stack, a sine from peak to peak", heads, rows, notes=[note])
+
+
+def stack_section(study: "Study") -> Iterator[Content]:
+    """Yield working line and supply of each stack of a study, at the frequency of its axis."""
+    if not any(isinstance(drive, PiezoStack) for drive in study.stage.drives):
+        return
+    try:
+        stacks = stacks_at_work(study.main, StackOptions(rate="natural"))
+    except FlexstageError as error:
+        yield f"The working lines of the stacks could not be computed: {error}."
+        return
+    yield Pictures(
+        pictures=tuple(
+            Picture(
+                result=partial(draw_working_line, stack.line),
+                title=f"working line of {stack.line.drive.name}",
+                caption=f"Working line of {stack.line.drive.name}, the other drives at rest in "
+                f"place; {study.main.system.model} model.",
+                size="small",
+            )
+            for stack in stacks
+        ),
+        columns=2,
+    )
+    for each in stack_tables(stacks):
+        yield replace(each, caption=each.caption.capitalize())
+    yield (
+        "The supply is that of a capacitor, at the natural frequency of the axis as an upper bound "
+        "of the rate; at the resonance itself the current of the motion adds to it."
+    )
