@@ -68,7 +68,7 @@ def model_paths(
     .. math:: v(u) = v_{elements}(u) + v_{specimen}(u) - v_{drawing}(u)
 
     with the last two by rigid bodies, to all orders of the travel. Out of the plane, notches that
-    lean and drives beside their line turn and lift the platform in proportion to the travel
+    lean and drives off their line turn and lift the platform in proportion to the travel
     (`flexstage.virtual.scattered_motion`).
 
     Parameters
@@ -98,8 +98,8 @@ def model_paths(
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(9,)))
     position = np.array([moved.get(h.name, (0.0, 0.0)) for h in stage.hinges]).reshape(-1, 2)
     necks = [
-        made.profile.neck_thickness - drawn.profile.neck_thickness
-        for made, drawn in zip(specimen.hinges, stage.hinges, strict=True)
+        hinge.profile.neck_thickness - nominal_hinge.profile.neck_thickness
+        for hinge, nominal_hinge in zip(specimen.hinges, stage.hinges, strict=True)
     ]
     deviations = Deviations(
         neck=np.array([necks]),
@@ -107,14 +107,16 @@ def model_paths(
         lean=scatter.lean * rng.standard_normal((1, len(stage.hinges), 2)),
         drive=scatter.drive * rng.standard_normal((1, len(stage.drives), 2)),
     )
-    drawn = mechanism(stage)
-    made = _displaced(mechanism(specimen), position, deviations.drive[0, :, 0])
+    nominal_model = mechanism(stage)
+    model = _displaced(mechanism(specimen), position, deviations.drive[0, :, 0])
     paths = {}
     for axis in (a for a in stage.axes if a.name in inputs):
         # an axis that cannot be followed has no path
         with suppress(ConvergenceError, ModelError):
             elements = (nominal or {}).get(axis.name)
-            path = _in_plane(axis, inputs[axis.name], drawn, made, elements, _side(stage, axis))
+            path = _in_plane(
+                axis, inputs[axis.name], nominal_model, model, elements, _side(stage, axis)
+            )
             rates = motion_rates(replace(stage, axes=(axis,)), deviations)[axis.name][0]
             slopes = dict(zip(("vertical", "roll", "pitch"), rates[2:5].tolist(), strict=True))
             paths[axis.name] = replace(path, slopes=slopes)
@@ -139,26 +141,26 @@ def _displaced(model: Mechanism, position: Array, off: Array) -> Mechanism:
 def _side(stage: Stage, axis: Axis) -> float:
     """Return 1 if the other axis is to the left of an axis, -1 if it is to its right."""
     directions = [stage.probe(a.probe).direction for a in stage.axes if a.name != axis.name]
-    own = stage.probe(axis.probe).direction
-    if own is None or not directions or directions[0] is None:
+    direction = stage.probe(axis.probe).direction
+    if direction is None or not directions or directions[0] is None:
         return 1.0
-    return math.copysign(1.0, math.sin(directions[0] - own))
+    return math.copysign(1.0, math.sin(directions[0] - direction))
 
 
 def _in_plane(
     axis: Axis,
     travel: float,
-    drawn: Mechanism,
-    made: Mechanism,
+    nominal: Mechanism,
+    model: Mechanism,
     elements: StrokeMotion | None,
     side: float,
 ) -> ModelPath:
     steps = np.linspace(0.0, travel, _STATES)
     parts: list[tuple[float, StrokeMotion]] = [
-        (1.0, stroke_path(made, drive_of(axis), axis.probe, steps))
+        (1.0, stroke_path(model, drive_of(axis), axis.probe, steps))
     ]
     if elements is not None:
-        parts += [(-1.0, stroke_path(drawn, drive_of(axis), axis.probe, steps)), (1.0, elements)]
+        parts += [(-1.0, stroke_path(nominal, drive_of(axis), axis.probe, steps)), (1.0, elements)]
     stroke = sum(sign * float(part.along[-1]) for sign, part in parts)
 
     def curve(name: str, scale: float) -> Legendre:
