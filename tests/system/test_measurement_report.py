@@ -5,6 +5,7 @@ import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from flexstage.cli import main
 from flexstage.cli.characterise import print_measurement
 from flexstage.cli.output import console
+from flexstage.experiments.campaign.plan import read_campaign
 from flexstage.experiments.campaign.results import evaluate
 from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.quantities.characteristic import Characteristics
@@ -268,7 +270,7 @@ def test_a_simulated_measurement_is_compared_with_nothing(result):
     text = measurement_text(compare_measurement(quiet, result.stage, ("lumped",)))
     rows = Tables(text).sections["figures"]
     assert rows[0] == ["", "", "simulated measurement"]
-    assert {len(cells) for cells in rows[1:]} == {4}
+    assert {len(cells) for cells in rows[1:]} == {5}
     assert "measured here" not in text
     assert " *" not in re.sub(r"<(style|script)>.*?</\1>", "", text, flags=re.S)
 
@@ -434,29 +436,48 @@ def test_a_range_is_compared_with_the_size_of_what_a_model_gives(result):
         assert found.percent == pytest.approx(-50.0)
 
 
-def test_assumed_straightness_is_no_figure_of_the_stage(capsys: pytest.CaptureFixture[str]) -> None:
-    """A simulated guide is given 0.2 % of the stroke where nobody has measured it."""
+def test_each_figure_of_a_simulated_stage_says_where_it_comes_from(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Published, model, scatter or assumed: in rows, results, pages and the printed table."""
     published = compare_with_references(
         characterised(design("vgtu-mechanical"), kinds=("spheres",)),
         design("vgtu-mechanical"),
         Characteristics(),
     )
-    assert not any(row.assumed for row in published.rows)
+    kinds = {row.figure.quantity: row.kind for row in published.rows}
+    assert kinds["straightness"] == kinds["straightness_out_of_plane"] == "published"
+    assert kinds["roll"] == "assumed"
     own = design("parallelogram")
     simulated = characterised(own)
     found = compare_with_references(simulated, own, Characteristics())
-    labelled = {row.figure.quantity for row in found.rows if row.assumed}
-    assert labelled == {"straightness", "straightness_out_of_plane", "roll", "pitch"}
-    rows = {r["quantity"]: r["note"] for r in found.to_dict()["characteristics"]}
-    assert rows["straightness"] == "assumed: 0.2 % of the stroke, not measured"
-    assert any("straightness of x and its rotations" in note for note in found.notes)
+    kinds = {row.figure.quantity: row.kind for row in found.rows}
+    assert all(kinds.values())
+    assert {q for q, kind in kinds.items() if kind == "scatter"} == {"roll", "pitch"}
+    assert {"straightness", "cross_coupling", "parasitic_rotation"} <= {
+        q for q, kind in kinds.items() if kind == "model"
+    }
+    rows = {r["quantity"]: r for r in found.to_dict()["characteristics"]}
+    assert rows["straightness"]["source"] == "model: lumped, over the stroke, with scatter"
+    assert rows["straightness_out_of_plane"]["source"] == "assumed: 0.2 % of the stroke"
+    require_valid(found.to_dict(), "measurement")
+    assert any("path of x over the stroke is that of the lumped model" in n for n in found.notes)
     (table,) = (part for part in bench_section(found, "page") if isinstance(part, Table))
-    shown = {row[0].text for row in table.rows}
-    assert not any("Straightness" in name for name in shown)
-    assert any("Natural frequency" in name for name in shown)
-    assert "Assumed straightness, without a measurement, is omitted" in table.caption
+    shown = {row[0].text: row[-1].text for row in table.rows}
+    assert shown["Straightness in plane [µm]"].startswith("model: lumped")
+    assert shown["Straightness out of plane [µm]"].startswith("assumed")
+    assert "assumed: 0.2 % of the stroke" in measurement_text(found)
     print_measurement(console(), found, [])
-    assert "Straightness in plane, assumed" in capsys.readouterr().out
+    (line,) = (x for x in capsys.readouterr().out.splitlines() if "Straightness in plane" in x)
+    assert line.split()[-1] == "model"
     # a real stage whose figures are measured has none of it
     real = compare_with_references(as_measured(simulated), own, Characteristics())
-    assert not any(row.assumed for row in real.rows)
+    assert not any("source" in row for row in real.to_dict()["characteristics"])
+
+
+def test_a_description_of_a_simulated_stage_keeps_the_origins(tmp_path: Path) -> None:
+    words = "characterise --stage parallelogram --virtual-seed 1 --model lumped --quiet --folder"
+    with pytest.raises(SystemExit, match="0"):
+        main([*words.split(), str(tmp_path)])
+    again = read_campaign(tmp_path / "campaign.yaml")
+    assert again.origins["straightness x"] == "model: lumped, over the stroke, with scatter"

@@ -1,6 +1,7 @@
 """Identification and compensation of a piezo stage on its entire dynamic model."""
 
 import importlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,11 @@ from flexstage.fem import superelement_model
 from flexstage.hysteresis import MODELS
 from flexstage.lumped import lumped_system
 from flexstage.report import report_html
+from flexstage.stage import Stage
 from flexstage.stage.designs import design
 from flexstage.studies import run_study
 from flexstage.studies.compensation import AxisExperiment, virtual_experiment
+from flexstage.virtual.driven_axis import driven_axis
 from flexstage.virtual.stack import virtual_stack
 
 # Published for the stage: loop widths, and the largest error of its Bouc-Wen model [m].
@@ -65,6 +68,32 @@ def test_the_best_model_is_far_better(axis: str, experiments: dict[str, AxisExpe
     assert best.tracking.largest < 0.2e-6
     tried = {c.kind: c.heldout_rms_percent or 0.0 for c in best.identification.candidates}
     assert tried["preisach"] < 0.1 < tried["bouc-wen"]
+
+
+def with_gauge(stage: Stage) -> Stage:
+    """Call the probe of the first axis ``gauge``, unlike the axis."""
+    axis = stage.axes[0]
+    probes = tuple(replace(p, name="gauge") if p.name == axis.probe else p for p in stage.probes)
+    return replace(stage, probes=probes, axes=(replace(axis, probe="gauge"), *stage.axes[1:]))
+
+
+def test_the_name_of_a_probe_changes_no_record() -> None:
+    stage = design("bridge")
+    records = []
+    for named in (stage, with_gauge(stage)):
+        bench = driven_axis(named, lumped_system(named), "y")
+        records.append(bench.record(bench.cosine(1)))
+    assert [c.name for c in records[1].channels] == ["voltage", "position"]
+    for column in ("voltage", "position"):
+        assert np.array_equal(*(record.channel(column).values for record in records))
+
+
+@pytest.mark.slow
+def test_a_study_has_hysteresis_whatever_its_probe_is_called() -> None:
+    study = run_study(with_gauge(design("bridge")), model="lumped", parts=("identification",))
+    assert set(study.experiments) == {"y"}
+    assert study.skipped_experiments == {}
+    assert "Largest deviation of the identified Bouc-Wen model" in report_html(study)
 
 
 def test_the_virtual_stack_is_of_no_fitted_class() -> None:

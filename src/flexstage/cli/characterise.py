@@ -1,12 +1,14 @@
 """`flexstage characterise`: characteristics of a stage from measured records."""
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.base.errors import ModelError
+from flexstage.base.errors import ConvergenceError, ModelError, StageError
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     OutputFolder,
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from flexstage.experiments.campaign.results import Characterisation, TestResult
+    from flexstage.fem.stroke import FiniteStroke
+    from flexstage.stage import Stage
     from flexstage.studies import MeasurementComparison
 
 _PLANS = (".yaml", ".yml")
@@ -87,7 +91,8 @@ def characterise(
                 raise ModelError(
                     "--virtual-seed needs --stage and no files: it simulates its own records"
                 )
-            measurement, contents = _simulate(stage, options, virtual_seed)
+            models = models_of(comparison.model)
+            measurement, contents = _simulate(stage, options, virtual_seed, models)
         elif plans:
             folder = plans[0].parent
             measurement = run(read_campaign(plans[0]), folder)
@@ -135,7 +140,7 @@ def _stage_path(stage: str, folder: Path) -> str:
 
 
 def _simulate(
-    stage: str, options: StageOptions, seed: int
+    stage: str, options: StageOptions, seed: int, models: Sequence[str]
 ) -> "tuple[Characterisation, dict[str, bytes]]":
     from flexstage.experiments.campaign.plan import campaign_text
     from flexstage.experiments.virtual_campaign import virtual_campaign
@@ -144,7 +149,9 @@ def _simulate(
     from flexstage.virtual.as_built import as_built
 
     described = options.stage(stage)
-    simulated = virtual_campaign(as_built(described, seed=seed), seed=seed)
+    strokes = _plane_strokes(described) if "plane" in models else ()
+    built = as_built(described, seed=seed, strokes={path.axis: path for path in strokes})
+    simulated = virtual_campaign(built, seed=seed)
     files = {name: record_bytes(record, "csv") for name, record in simulated.records.items()}
     campaign = simulated.campaign
     if stage.casefold() not in DESIGNS or options != AS_DESCRIBED:
@@ -155,6 +162,20 @@ def _simulate(
         campaign = replace(campaign, stage="stage.yaml")
     files["campaign.yaml"] = campaign_text(campaign).encode()
     return simulated.evaluated(), files
+
+
+def _plane_strokes(stage: "Stage") -> "tuple[FiniteStroke, ...]":
+    """Return the paths by finite elements of a stage whose straightness is not published."""
+    from flexstage.quantities.characteristic import measured_value
+    from flexstage.studies.models import run_model
+    from flexstage.studies.requests import ModelOptions
+
+    if all(measured_value(stage.published, "straightness", axis.name) for axis in stage.axes):
+        return ()
+    # the comparison with the models gives the reason of a failure
+    with suppress(ConvergenceError, ModelError, StageError):
+        return run_model(stage, "plane", ModelOptions(stroke=True)).strokes
+    return ()
 
 
 def print_measurement(
@@ -175,6 +196,7 @@ def print_measurement(
     ]
     rows = []
     units = shown_units(row.figure for row in result.rows)
+    simulated = any(row.source for row in result.rows)
     for row in result.rows:
         quantity = units[row.figure.quantity]
         estimate = row.figure.estimate
@@ -187,9 +209,9 @@ def print_measurement(
         for name in columns:
             difference = row.differences.get(name)
             cells.append("" if difference is None else _difference(difference))
-        label = f"{quantity.label}, assumed" if row.assumed else quantity.label
-        rows.append((label, row.figure.axis, *cells))
-    heads = "quantity", "<axis", "value", "± (95 %)", "<unit"
+        source = (row.source_kind,) if simulated else ()
+        rows.append((quantity.label, row.figure.axis, *cells[:3], *source, *cells[3:]))
+    heads = "quantity", "<axis", "value", "± (95 %)", "<unit", *(("<source",) if simulated else ())
     print_table(screen, result.title, (*heads, *titles), rows)
     if columns:
         screen.print("Differences from each model and publication; * significant at 95 %.")

@@ -126,6 +126,7 @@ def _description(built: AsBuilt, lab: Laboratory) -> Campaign:
         ),
         tests=tuple(tests),
         notes=("virtual measurement: simulated data, not measured", *built.notes),
+        origins=built.origins,
     )
 
 

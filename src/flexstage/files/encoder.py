@@ -53,6 +53,8 @@ class Encoder:
             if by_name(parts[0], self.format):
                 return {v.name: self.fields(v, skip="name") for v in value}
             return [self.encode(parts[0], v) for v in value]
+        if origin is dict:
+            return {k: self.encode(typing.get_args(kind)[1], v) for k, v in value.items()}
         if kind is float:
             return Number(repr(float(value)))
         if kind is int:

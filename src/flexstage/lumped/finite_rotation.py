@@ -1,14 +1,17 @@
 r"""The lumped model with finite rotations: energy, forces and tangent stiffness.
 
 Every hinge stores :math:`\tfrac12\mathbf x^T k\,\mathbf x` in the deformation
-:math:`\mathbf x = (u, v, \vartheta)` in a frame turning with the *mean* rotation of
-its two bodies (`Connections`). Large rigid motion of the whole costs no
-energy, forces are the exact gradient and the tangent the exact Hessian of one energy, and at rest
-the tangent is the linear K. Masses are constant in these coordinates: T is quadratic with the
-linear M.
+:math:`\mathbf x = (u + s, v, \vartheta)` in a frame turning with the *mean* rotation of
+its two bodies (`Connections`). A leaf shortens as it bends, by :math:`s = \tfrac12(c_v v^2 +
+c_\vartheta\vartheta^2)` of the slopes of its deflection (`flexstage.hinges.deflection`): between
+parallel ends by 3/5 v^2/l (S. Awtar, A. H. Slocum, E. Sevincer, J. Mech. Des. 129 (2007) 625).
+Large rigid motion of the whole costs no energy, forces are the exact gradient and the tangent the
+exact Hessian of one energy, and at rest the tangent is the linear K. Masses are constant in these
+coordinates: T is quadratic with the linear M.
 
-Validity: finite rotations of bodies, hinge stiffness constant. The shortening of a long leaf that
-bends into an S is not in a spring at its middle; for notches it is far below their elongation.
+Validity: finite rotations of bodies, hinge stiffness constant; shortening to second order in the
+deformation, without what axial forces change of the deflection. That of notches is far below their
+elongation and excluded.
 """
 
 from collections.abc import Sequence
@@ -199,6 +202,10 @@ class NonlinearMechanism:
     """Diagonal of M [kg, kg m^2], shape (n,)."""
     stiffness: Array
     """Stiffness of each hinge, shape (h, 3, 3)."""
+    shortening: Array
+    """Shortening of each hinge over half the square of its deformation across [1/m] and in rotation
+    [m], shape (h, 2).
+    """
     hinges: Connections
     """The hinges."""
     drives: Connections
@@ -211,9 +218,17 @@ class NonlinearMechanism:
         """Number of coordinates n."""
         return self.mass.size
 
+    def _strained(self, q: Array) -> tuple[Array, Array]:
+        """Return the deformation of each hinge, elongated by its bending, and its derivatives."""
+        x, b = self.hinges.rates(np.asarray(q, dtype=float))
+        bent = self.shortening * x[..., 1:]
+        x[..., 0] += 0.5 * np.sum(bent * x[..., 1:], axis=-1)
+        b[..., 0, :] += (bent[..., None, :] @ b[..., 1:, :])[..., 0, :]
+        return x, b
+
     def potential_energy(self, q: Array) -> Array:
         """Return the energy V stored in the hinges [J], shape (...)."""
-        x = self.hinges.deformation(np.asarray(q, dtype=float))
+        x, _ = self._strained(q)
         return 0.5 * np.einsum("...hi,hij,...hj->...", x, self.stiffness, x)
 
     def kinetic_energy(self, velocity: Array) -> Array:
@@ -222,7 +237,7 @@ class NonlinearMechanism:
 
     def force(self, q: Array) -> Array:
         """Return the internal forces dV/dq [N, N m], shape (..., n)."""
-        x, b = self.hinges.rates(np.asarray(q, dtype=float))
+        x, b = self._strained(q)
         spring = (self.stiffness @ x[..., None])[..., 0]
         local = (spring[..., None, :] @ b)[..., 0, :]
         return local.reshape(*local.shape[:-2], -1) @ self.hinges.gather
@@ -242,10 +257,13 @@ class NonlinearMechanism:
     def tangent(self, q: Array) -> Array:
         """Return the tangent stiffness d2V/dq2 at one state, shape (n, n)."""
         q = np.asarray(q, dtype=float)
-        x, b = self.hinges.rates(q)
+        x, b = self._strained(q)
         spring = (self.stiffness @ x[..., None])[..., 0]
-        local = np.swapaxes(b, -1, -2) @ self.stiffness @ b + self.hinges.curvature(q, spring)
-        return _assembled(self.hinges, local)
+        bending, tension = b[..., 1:, :], spring[..., :1] * self.shortening
+        local = np.swapaxes(b, -1, -2) @ self.stiffness @ b
+        local += np.swapaxes(bending, -1, -2) @ (tension[..., None] * bending)
+        spring[..., 1:] += tension * x[..., 1:]
+        return _assembled(self.hinges, local + self.hinges.curvature(q, spring))
 
     def elongation(self, drive: str, q: Array) -> tuple[float, Array, Array]:
         """Return the elongation of a drive and its first and second derivatives.
@@ -296,6 +314,7 @@ def nonlinear(mechanism: Mechanism) -> NonlinearMechanism:
         mechanism=mechanism,
         mass=np.array([v for b in free for v in (b.mass, b.mass, b.inertia)]),
         stiffness=np.array([h.stiffness for h in mechanism.hinges]).reshape(-1, 3, 3),
+        shortening=np.array([h.shortening for h in mechanism.hinges]).reshape(-1, 2),
         hinges=connections(
             mechanism,
             [h.bodies for h in mechanism.hinges],

@@ -12,12 +12,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import block_diag, eigh, null_space
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ConvergenceError, ModelError
-from flexstage.hinges import Profile
+from flexstage.hinges.deflection import deflection_integrals
 from flexstage.hinges.hinge_spring import PlaneState, plane_moduli
 from flexstage.lumped.assemble import hinge_springs
 from flexstage.lumped.finite_rotation import NonlinearMechanism, nonlinear
@@ -186,8 +185,7 @@ def stroke_path(
     ConvergenceError
         A step is too long.
     ModelError
-        The drive or the probe does not exist, the probe reads a rotation, or a hinge bends over a
-        length, as a leaf does.
+        The drive or the probe does not exist, or the probe reads a rotation.
 
     Notes
     -----
@@ -199,15 +197,6 @@ def stroke_path(
     model = nonlinear(stage) if isinstance(stage, Mechanism) else stage
     if any(p.name == probe and p.direction is None for p in model.mechanism.probes):
         raise ModelError(f"probe '{probe}' reads a rotation, so it has no path to follow")
-    bent = [hinge.name for hinge in model.mechanism.hinges if hinge.flat_length > 0.0]
-    if bent:
-        # its chord is 0.6 d^2/L shorter than it is long, which one spring at its middle has not
-        more = f" and {len(bent) - 4} more" if len(bent) > 4 else ""
-        raise ModelError(
-            f"{', '.join(bent[:4])}{more} bend over a length and shorten as they bend, which the "
-            "lumped model does not include: use plane finite elements (`flexstage analyse "
-            "--model plane --stroke`)"
-        )
     elongations = np.atleast_1d(np.asarray(displacement, dtype=float))
     path = np.zeros((elongations.size, model.order))
     force = np.zeros(elongations.size)
@@ -319,7 +308,7 @@ def lumped_buckling(
         modulus, _ = plane_moduli(
             stage.material.youngs_modulus, stage.material.poissons_ratio, hinge_spring.plane
         )
-        slopes, bending = _deflections(profile)
+        slopes, bending = deflection_integrals(profile)
         shape = np.zeros((4, n + 2 * count))
         shape[:2, :n] = deformation[h, 1:]
         shape[2, at] = shape[3, at + 1] = 1.0
@@ -337,52 +326,3 @@ def lumped_buckling(
 @lru_cache(maxsize=8)
 def _model(stage: Stage, method: str, plane: PlaneState | Literal["auto"]) -> NonlinearMechanism:
     return nonlinear(mechanism(stage, method=method, plane=plane))
-
-
-# a uniform column is right at once, one with fillets of a seventh of its length 5e-5 too strong
-_WAVE_STEPS = 3
-
-
-# a stage has dozens of hinges but a handful of profiles
-@lru_cache(maxsize=1024)
-def _deflections(profile: Profile) -> tuple[Array, Array]:
-    """Integrals of the products of four slopes over a notch, and the bending of the last two.
-
-    The slopes are those of a deformation v across, of one in rotation, of a full wave and of a sway
-    between ends at rest, in the frame of the mean rotation of the ends; of the rotation,
-    what two rigid ends have is taken off. A notch bends where it is thin: a shape is given by its
-    moment, and that of the wave is its own deflection, as in a column that buckles. Shape (4, 4),
-    and (2,): the integrals of h^3/12 s'^2.
-    """
-    x, depth, angle, ds = profile.samples()
-    dx, half = np.cos(angle) * ds, 0.5 * profile.length
-    h = profile.neck_thickness + profile.sides * depth
-    flexibility = 1.0 / h**3
-
-    def up_to(values: Array) -> Array:
-        """Integral from the neck to each point."""
-        return cumulative_trapezoid(np.r_[values[0], values], np.r_[0.0, x], initial=0.0)[1:]
-
-    def across(moment: Array) -> tuple[Array, Array]:
-        """Curvature and slope of a unit displacement of ends that stay parallel."""
-        curvature = moment * flexibility
-        size = 2.0 * np.sum(x * curvature * dx)
-        return -curvature / size, (np.sum(curvature * dx) - up_to(curvature)) / size
-
-    total = np.sum(flexibility * dx)
-    turn = 0.5 * up_to(flexibility) / total
-    shear_curvature, shear_slope = across(x)
-    sway_curvature, sway_slope = across(np.sin(0.5 * np.pi * x / half))
-    wave_slope, wave_curvature = np.sin(np.pi * x / half), np.zeros_like(x)
-    for _ in range(_WAVE_STEPS):
-        moment = -up_to(wave_slope)
-        moment -= np.sum(moment * flexibility * dx) / total
-        wave_curvature = moment / np.abs(moment).max() * flexibility / total
-        wave_slope = up_to(wave_curvature)
-    slopes = np.array([shear_slope, turn, wave_slope, sway_slope - shear_slope])
-    # over both halves, the product of an even and an odd slope vanishes
-    even = np.array([True, False, False, True])
-    products = 2.0 * (slopes * dx) @ slopes.T * (even == even[:, None])
-    products[1, 1] -= 0.25 * profile.length
-    curved = np.array([wave_curvature, sway_curvature - shear_curvature])
-    return products, 2.0 * np.sum(h**3 / 12.0 * curved**2 * dx, axis=1)

@@ -10,7 +10,9 @@ from typing import Literal
 
 from flexstage.base.arrays import Array
 from flexstage.base.short_repr import short_repr
+from flexstage.hinges.deflection import deflection_integrals
 from flexstage.hinges.hinge_spring import PlaneState
+from flexstage.hinges.profile import Profile
 from flexstage.lumped.assemble import hinge_springs
 from flexstage.stage.mass import mass_properties
 from flexstage.stage.model import Stage
@@ -52,9 +54,9 @@ class SpringHinge:
     """Forces (N, V, M) on body b for deformations (u, v, theta) of b against a, in the hinge's own
     axes [N/m, N, N m/rad], shape (3, 3).
     """
-    flat_length: float = 0.0
-    """Length over which it bends, and shortens, unlike a spring [m]; 0 of a notch that bends at its
-    neck.
+    shortening: Pair = (0.0, 0.0)
+    """Shortening by bending over half the square of the deformation across [1/m] and of that in
+    rotation [m]: of a leaf of length l 6/(5 l) and -l/6, of a notch that bends at its neck 0.
     """
 
 
@@ -181,7 +183,7 @@ def mechanism(
             at=spring.hinge.at,
             direction=spring.hinge.direction,
             stiffness=spring.stiffness,
-            flat_length=spring.hinge.profile.flat_length,
+            shortening=_shortening(spring.hinge.profile),
         )
         for spring in hinge_springs(stage, method=method, plane=plane)
     )
@@ -218,3 +220,10 @@ def mechanism(
             for p in stage.probes
         ),
     )
+
+
+def _shortening(profile: Profile) -> Pair:
+    if profile.flat_length == 0.0:
+        return 0.0, 0.0
+    slopes, _ = deflection_integrals(profile)
+    return float(slopes[0, 0]), float(slopes[1, 1])

@@ -161,11 +161,16 @@ def _figures(result: MeasurementComparison) -> Iterator[Content]:
     references = () if simulated else result.references
     here = "simulated measurement" if simulated else "measured here"
     heads = [Column("value", group=here), Column(_SPREAD, group=here)]
+    if simulated:
+        heads.append(Column("source", "words", here))
     for origin in references:
         heads.append(Column(column_title(origin), group=column_group(origin)))
     of = (c for row in result.rows for c in (row.figure, *row.references.values()))
     units = shown_units(of)
-    rows = (_cells(row, references, units[row.figure.quantity]) for row in result.rows)
+    rows = (
+        _cells(row, references, units[row.figure.quantity], simulated=simulated)
+        for row in result.rows
+    )
     yield table("", (*_LABELS, *heads), rows, divided=True)
     if references:
         yield (
@@ -176,17 +181,21 @@ def _figures(result: MeasurementComparison) -> Iterator[Content]:
         yield "Simulated, not measured: no value is compared with a model or a publication."
 
 
-def _cells(row: MeasuredRow, origins: tuple[str, ...], quantity: Quantity) -> list[Cell | str]:
+def _cells(
+    row: MeasuredRow, origins: tuple[str, ...], quantity: Quantity, *, simulated: bool
+) -> list[Cell | str]:
     estimate = row.figure.estimate
     value, spread = value_and_uncertainty(
         quantity.factor * estimate.value, quantity.factor * estimate.expanded
     )
     cells: list[Cell | str] = [
-        f"{quantity.heading}, assumed" if row.assumed else quantity.heading,
+        quantity.heading,
         row.figure.axis,
         Cell(value, note=estimate.note, mark="ours", failing=row.figure.failing),
         Cell(spread, mark="ours"),
     ]
+    if simulated:
+        cells.append(row.source)
     for origin in origins:
         other, difference = row.references.get(origin), row.differences.get(origin)
         if other is None or difference is None:

@@ -291,11 +291,11 @@ def bench_section(measurement: MeasurementComparison | str | None, file: str) ->
 def _main_figures(measurement: MeasurementComparison) -> Iterator[Table]:
     """Yield a table with a row for each main quantity, a column for each axis."""
     main = [row for row in measurement.rows if row.figure.quantity in _MAIN]
-    figures = [row.figure for row in main if not row.assumed]
-    axes = list(dict.fromkeys(figure.axis for figure in figures))
+    axes = list(dict.fromkeys(row.figure.axis for row in main))
     rows = []
     for quantity in _MAIN:
-        of = {f.axis: f.estimate for f in figures if f.quantity == quantity}
+        of_quantity = [row for row in main if row.figure.quantity == quantity]
+        of = {row.figure.axis: row.figure.estimate for row in of_quantity}
         if of:
             quantity_shown = display(quantity).fitting(max(abs(e.value) for e in of.values()))
             k = quantity_shown.factor
@@ -305,12 +305,12 @@ def _main_figures(measurement: MeasurementComparison) -> Iterator[Table]:
                 else "–"
                 for a in axes
             )
-            rows.append((quantity_shown.heading, *values))
+            sources = "; ".join(dict.fromkeys(row.source for row in of_quantity))
+            rows.append((quantity_shown.heading, *values, sources))
     if rows:
         caption = "Simulated measurement: main figures, ± at 95 % with all contributions."
-        if len(figures) < len(main):
-            caption += " Assumed straightness, without a measurement, is omitted."
-        yield table(caption, ("Quantity", *(Column(axis) for axis in axes)), rows)
+        heads = ("Quantity", *(Column(axis) for axis in axes), Column("source", "words"))
+        yield table(caption, heads, rows)
 
 
 def _resonances(measurement: MeasurementComparison) -> Iterator[Picture]:

@@ -5,13 +5,6 @@ measured rows, takes precedence. A figure without a source is typical of such pa
 measurement.
 """
 
-from typing import TYPE_CHECKING
-
-from flexstage.quantities.characteristic import measured_value
-
-if TYPE_CHECKING:
-    from flexstage.stage.model import Stage
-
 #: Width of a stack's loop over its stroke [1]: data sheets of stacks under voltage control state
 #: 10 to 15 %.
 LOOP_WIDTH = 0.125
@@ -29,7 +22,8 @@ BACKLASH = 0.5e-6
 #: Damping ratio of the modes in a model [1], typical of a bolted monolithic aluminium stage; and in
 #: a virtual stage, where it differs a little.
 DAMPING_RATIO, VIRTUAL_DAMPING_RATIO = 0.01, 0.0087
-#: Over the stroke [1]: straightness; scatter of the position from cycle to cycle; reversal value.
+#: Over the stroke [1]: straightness where no model gives it; scatter of the position from cycle to
+#: cycle; reversal value.
 STRAIGHTNESS, REPEATABILITY, REVERSAL = 2e-3, 1.5e-4, 5e-4
 #: Length over which an error of straightness, or drift, is a rotation [m].
 GUIDE_LENGTH = 50e-3
@@ -46,19 +40,3 @@ SETTLING = 2e-9
 #: Orders of the error motion of a table that are no whole multiples of its turns: typical rates of
 #: a cage with its balls.
 ASYNCHRONOUS_ORDERS = (0.43, 2.57, 5.43)
-
-
-def assumed_figures(stage: "Stage") -> dict[tuple[str, str], str]:
-    """Return the assumptions on the guides of a simulated stage, as text, by quantity and axis.
-
-    Straightness where it is not published, and the rotations that follow from it.
-    """
-    words = f"assumed: {100.0 * STRAIGHTNESS:g} % of the stroke, not measured"
-    follow = (("straightness",), ("straightness_out_of_plane", "roll", "pitch"))
-    return {
-        (quantity, axis.name): words
-        for axis in stage.axes
-        for quantities in follow
-        if measured_value(stage.published, quantities[0], axis.name) is None
-        for quantity in quantities
-    }

@@ -17,7 +17,6 @@ from flexstage.quantities.characteristic import (
 from flexstage.quantities.quantity import display
 from flexstage.quantities.units import readable
 from flexstage.stage import PiezoStack, Stage
-from flexstage.stage.assumptions import assumed_figures
 from flexstage.system import analyse_axis
 
 if TYPE_CHECKING:
@@ -40,8 +39,13 @@ class MeasuredRow:
     """References by origin."""
     differences: Mapping[str, Difference]
     """Differences of the figure from the references that it is comparable with, by origin."""
-    assumed: bool = False
-    """True for a figure of a simulated stage that is an assumption."""
+    source: str = ""
+    """Origin of a figure of a simulated stage: published, model, scatter or assumed, with what."""
+
+    @property
+    def source_kind(self) -> str:
+        """Kind of this origin, its first word; empty for a measured figure."""
+        return self.source.partition(":")[0]
 
     def data(self) -> dict[str, Any]:
         """Return the row as plain data."""
@@ -52,7 +56,8 @@ class MeasuredRow:
             }
             for origin, d in self.differences.items()
         }
-        return figure_data(self.figure) | {"differences": differences}
+        source = {"source": self.source} if self.source else {}
+        return figure_data(self.figure) | source | {"differences": differences}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,11 +139,9 @@ def compare_with_references(
     """
     rows = []
     present: dict[str, None] = {}
-    virtual = stage if characterisation.origin == "virtual" else None
-    assumed = {} if virtual is None else assumed_figures(virtual)
+    sources = characterisation.origins if characterisation.origin == "virtual" else {}
     for measured in characterisation.figures:
-        note = assumed.get((measured.quantity, measured.axis))
-        figure = replace(measured, origin=characterisation.origin, note=note or measured.note)
+        figure = replace(measured, origin=characterisation.origin)
         by_origin: dict[str, Characteristic] = {}
         for row in references:
             if (row.quantity, row.axis) != (figure.quantity, figure.axis):
@@ -157,7 +160,7 @@ def compare_with_references(
                     for origin, row in by_origin.items()
                     if comparable(figure, row)
                 },
-                assumed=note is not None,
+                source=sources.get(f"{figure.quantity} {figure.axis}", ""),
             )
         )
     order = {row.origin: i for i, row in reversed(list(enumerate(references)))}

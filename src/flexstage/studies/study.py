@@ -311,6 +311,7 @@ def run_study(
             compensate="identification" in request.parts,
             seed=request.seed,
             memory=memory,
+            strokes=runs["plane"].strokes if "plane" in runs else (),
         )
     of_stage = {verb: result for (verb, _), result in experiments.items() if verb != "verify"}
     of_axes = {axis: result for (verb, axis), result in experiments.items() if verb == "verify"}

@@ -1,5 +1,6 @@
 """Experiments on the virtual stage: measurement, hysteresis compensation, centring of a scale."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from flexstage.system import MechanicalSystem
 if TYPE_CHECKING:
     from flexstage.centring.harmonic_fit import HarmonicFit
     from flexstage.centring.procedure import Centring
+    from flexstage.fem.stroke import FiniteStroke
     from flexstage.studies.compensation import AxisExperiment
 
 #: Scale of the centring: radius and initial eccentricity [m], and angles of its heads [rad].
@@ -65,19 +67,21 @@ def carry_out(
     compensate: bool,
     seed: int,
     memory: Memory,
+    strokes: "Sequence[FiniteStroke]" = (),
 ) -> dict[tuple[str, str], Any]:
     """Return the results of experiments on the virtual stage, or the reasons for missing ones.
 
     Experiments are the measurement of the stage (``characterise``), the centring of a scale
     (``centre``), and the identification and compensation of the hysteresis of each axis with a
     piezo stack (``verify``). Results are by verb and axes. `system` is the dynamic model of the
-    stage. The seed is that of the virtual stage, its measurement, noise, and graduation errors.
+    stage, `strokes` are paths over the stroke by finite elements, if there are any. The seed is
+    that of the virtual stage, its measurement, noise, and graduation errors.
     Results in the memory are not computed again.
     """
     both = "".join(axis.name for axis in stage.axes)
     steps: dict[tuple[str, str], partial[Any]] = {}
     if measure:
-        steps["characterise", both] = partial(_characterise, stage, seed)
+        steps["characterise", both] = partial(_characterise, stage, seed, tuple(strokes))
         steps["centre", both] = partial(_centre, stage, seed)
     for axis in stage.axes if compensate else ():
         if axis.drive is not None and isinstance(stage.drive(axis.drive), PiezoStack):
@@ -92,12 +96,15 @@ def carry_out(
     return results
 
 
-def _characterise(stage: Stage, seed: int) -> MeasurementComparison:
+def _characterise(
+    stage: Stage, seed: int, strokes: "tuple[FiniteStroke, ...]"
+) -> MeasurementComparison:
     """Return simulated measurements without references, as published values are their input."""
     from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.virtual.as_built import as_built
 
-    campaign = virtual_campaign(as_built(stage, seed=seed), seed=seed)
+    built = as_built(stage, seed=seed, strokes={path.axis: path for path in strokes})
+    campaign = virtual_campaign(built, seed=seed)
     return compare_with_references(campaign.evaluated(), stage, Characteristics())
 
 

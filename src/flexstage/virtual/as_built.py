@@ -4,7 +4,7 @@ The true values are unknown to any measurement. A usual figure replaces one that
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,10 +28,11 @@ from flexstage.stage.assumptions import (
     REVERSAL,
     STRAIGHTNESS,
     VIRTUAL_DAMPING_RATIO,
-    assumed_figures,
 )
 from flexstage.system import AxisAnalysis, MechanicalSystem, ModalDamping, analyse, modes
 from flexstage.system.characteristics import axis_mode
+from flexstage.system.statics import StrokeMotion
+from flexstage.virtual.figure_origins import figure_origins
 from flexstage.virtual.imperfections import (
     GuideErrors,
     Scatter,
@@ -40,6 +41,7 @@ from flexstage.virtual.imperfections import (
     manufactured,
     random_guide,
 )
+from flexstage.virtual.model_path import ModelPath, model_paths
 from flexstage.virtual.stack import FINE_PLAYS, virtual_stack
 
 #: Samples of a conditioning cycle.
@@ -121,6 +123,10 @@ class AsBuilt:
     """True behaviour of each axis."""
     notes: tuple[str, ...]
     """Notes: seed, and figures set to published values."""
+    followed: Mapping[str, float] = field(default_factory=dict)
+    """Stroke of the drive of each axis whose path a model may give [m]."""
+    origins: dict[str, str] = field(default_factory=dict)
+    """Origin of each figure of a measurement, by quantity and axis, such as ``straightness x``."""
 
     def axis(self, name: str) -> AsBuiltAxis:
         """Return an axis by name."""
@@ -131,14 +137,22 @@ class AsBuilt:
 
 
 def as_built(
-    stage: Stage, *, seed: int = 0, scatter: Scatter | None = None, as_published: bool = True
+    stage: Stage,
+    *,
+    seed: int = 0,
+    scatter: Scatter | None = None,
+    as_published: bool = True,
+    strokes: Mapping[str, StrokeMotion] | None = None,
 ) -> AsBuilt:
     """Return a virtual stage, on the lumped model.
 
-    Necks, notches and modulus are drawn from a process with scatter. Straightness, repeatability
-    and the loops of the stacks, which no model of the nominal stage predicts, are drawn too. Where
-    measured figures of the stage are published the virtual stage is set to them (necks to the
-    natural frequencies), so that a measurement of it must reproduce them.
+    Necks, notches, modulus and drives are drawn from a process with scatter. The path of an axis
+    over its stroke is that of `flexstage.virtual.model_path`: by `strokes`, the paths of the stage
+    as drawn by finite elements, where they are given, else by rigid bodies. Out-of-plane
+    straightness, repeatability and the loops of the stacks, which no such model predicts, are
+    assumed and drawn too. Where measured figures of the stage are published the virtual stage is
+    set to them (necks to the natural frequencies), so that a measurement of it must reproduce them;
+    an axis of published straightness has a random path of this size.
 
     Notes
     -----
@@ -169,20 +183,27 @@ def as_built(
         ModalDamping(ratio=VIRTUAL_DAMPING_RATIO)
     )
     analysis = analyse(manufactured_stage, system)
+    straight = {row.axis for row in published.select("straightness")}
+    followed = {a.axis: a.input_displacement for a in analysis.axes if a.axis not in straight}
+    paths = model_paths(
+        stage, manufactured_stage, moved, followed, process, seed=seed, nominal=strokes
+    )
     axes = []
     for state in analysis.axes:
         mode = axis_mode(system, analysis.modes["removed"], state.drive, state.probe)
         figures = {row.quantity: row.value for row in published if row.axis == state.axis}
-        axes.append(_axis(manufactured_stage, system, state, mode, figures, rng))
+        path = paths.get(state.axis)
+        axes.append(_axis(manufactured_stage, system, state, mode, figures, path, rng))
     if any(row.quantity != "natural_frequency_hz" for row in published):
         notes.append(
             "stroke, straightness and loop width equal the published measured values where there "
             "are any"
         )
-    if assumed := {axis for quantity, axis in assumed_figures(stage) if quantity == "straightness"}:
+    if paths:
+        models = " and ".join(sorted({path.model for path in paths.values()}))
         notes.append(
-            f"straightness of {', '.join(sorted(assumed))} and its rotations are assumptions "
-            f"({100.0 * STRAIGHTNESS:g} % of the stroke), without information on this stage"
+            f"the path of {', '.join(paths)} over the stroke is that of the {models} model, with "
+            "random deviations of necks, notches and drives"
         )
     return AsBuilt(
         stage=stage,
@@ -190,6 +211,10 @@ def as_built(
         system=system,
         axes=tuple(axes),
         notes=tuple(notes),
+        followed=followed,
+        origins=figure_origins(
+            stage, published, {name: path.model for name, path in paths.items()}
+        ),
     )
 
 
@@ -199,10 +224,12 @@ def _axis(
     state: AxisAnalysis,
     mode: int,
     published: Mapping[str, float],
+    path: ModelPath | None,
     rng: np.random.Generator,
 ) -> AsBuiltAxis:
     drive = stage.drive(state.drive)
-    stroke = published.get("output_displacement", state.output_displacement)
+    modelled = state.output_displacement if path is None else path.stroke
+    stroke = published.get("output_displacement", modelled)
     usual = STRAIGHTNESS * stroke
     lateral = published.get("straightness", usual)
     vertical = published.get("straightness_out_of_plane", usual)
@@ -226,6 +253,8 @@ def _axis(
         },
         rng,
     )
+    if path is not None:
+        guide = path.over(guide)
     hysteresis = None
     commands, unit = (0.0, state.input_displacement), "m"
     if isinstance(drive, PiezoStack) and drive.voltage_range is not None:

@@ -37,6 +37,7 @@ from flexstage.virtual.imperfections import (
     manufactured,
 )
 from flexstage.virtual.laboratory import Hammer
+from flexstage.virtual.model_path import model_paths
 from flexstage.virtual.piezo_loop import amplifier_of, sampled_response
 from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage, stack_of
 from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
@@ -46,7 +47,7 @@ from flexstage.virtual.stage import Conditions, ScrewAxis, ScrewStage
 #: Margin of the stroke at each end [1].
 _MARGIN = 0.015
 _CYCLES = 4
-_EXACT = Scatter(neck_common=0.0, neck_own=0.0, position=0.0, modulus=0.0)
+_EXACT = Scatter(neck_common=0.0, neck_own=0.0, position=0.0, modulus=0.0, lean=0.0, drive=0.0)
 
 
 def virtual_stage(
@@ -62,7 +63,8 @@ def virtual_stage(
     """Return a stage that runs sample by sample.
 
     Natural frequencies, stroke, loop width and straightness equal published measurements of the
-    stage. Guide errors and the gains of its sensors are random. With scatter, necks and notches
+    stage; without them, its path over the stroke is that of rigid bodies with finite rotations.
+    Other guide errors and the gains of its sensors are random. With scatter, necks and notches
     deviate as from wire erosion: frequencies differ by a few percent, strokes by 2 % and widths by
     4 %.
 
@@ -153,10 +155,15 @@ def virtual_stage(
 def _manufactured(stage: Stage, model: str, seed: int, *, scatter: bool, screws: bool) -> AsBuilt:
     """Set the stage to the measured figures, then add the scatter of the process."""
     exact = as_built(stage, seed=seed, scatter=_EXACT)
-    specimen, moved = exact.manufactured, {}
+    specimen, moved, axes = exact.manufactured, {}, exact.axes
     if scatter:
         specimen = manufactured(exact.manufactured, Scatter(), seed=seed)
         moved = displacements(stage, Scatter(), seed=seed)
+        paths = model_paths(stage, specimen, moved, exact.followed, Scatter(), seed=seed)
+        axes = tuple(
+            replace(axis, guide=paths[axis.name].over(axis.guide)) if axis.name in paths else axis
+            for axis in axes
+        )
     damping = exact.system.damping
     system = displaced_system(specimen, moved)
     if model == "superelement" and not screws:
@@ -165,7 +172,7 @@ def _manufactured(stage: Stage, model: str, seed: int, *, scatter: bool, screws:
         system = _with_frequencies(superelement_model(stage).system, system)
     if damping is not None:
         system = system.with_damping(damping)
-    return replace(exact, manufactured=specimen, system=system)
+    return replace(exact, manufactured=specimen, system=system, axes=axes)
 
 
 def _with_frequencies(system: MechanicalSystem, reference: MechanicalSystem) -> MechanicalSystem:

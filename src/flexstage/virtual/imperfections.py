@@ -25,7 +25,7 @@ MOTIONS: tuple[str, ...] = ("across", "vertical", "roll", "pitch", "yaw")
 ANGLES: tuple[str, ...] = ("roll", "pitch", "yaw")
 
 #: Highest order of a curve: error motions by bending and manufacture are smooth.
-_ORDER = 5
+ORDER = 5
 _GRID = 4001
 
 
@@ -98,7 +98,7 @@ def random_guide(
         raise ModelError(f"the stroke of a guide must be positive, got {stroke!r} m")
     coefficients: dict[str, Array] = {}
     for motion, target in straightness.items():
-        order = np.arange(_ORDER + 1)
+        order = np.arange(ORDER + 1)
         c = np.where(order >= 2, rng.standard_normal(order.size) / np.maximum(order, 1) ** 1.5, 0.0)
         # the lowest order is at least 0.5, so that high orders never dominate
         c[2] = np.copysign(0.5 + abs(c[2]), c[2])

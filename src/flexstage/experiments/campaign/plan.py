@@ -170,6 +170,10 @@ class Campaign:
     """The tests."""
     notes: tuple[str, ...] = ()
     """Remarks on all figures."""
+    origins: dict[str, str] = field(default_factory=dict)
+    """Origin of each figure of a simulated stage, by quantity and axis, as in ``straightness x``:
+    published, model, scatter or assumed.
+    """
 
     def __post_init__(self) -> None:
         require_ranges(self, ModelError, "a description of tests")

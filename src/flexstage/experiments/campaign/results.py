@@ -110,6 +110,8 @@ class Characterisation(Result):
     """SHA-256 of each file, by its name."""
     notes: tuple[str, ...] = ()
     """Remarks on all figures."""
+    origins: Mapping[str, str] = field(default_factory=dict)
+    """Origin of each figure of a simulated stage, by quantity and axis."""
 
     __repr__ = short_repr
 
@@ -223,6 +225,7 @@ def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Charac
         figures=one_of_each(figure for result in results for figure in result.figures),
         sources=sources,
         notes=campaign.notes,
+        origins=campaign.origins,
     )
 
 
