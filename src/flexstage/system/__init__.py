@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         static_forces,
         static_loads,
     )
+    from flexstage.system.thermal import ThermalDrift, thermal_drift
 
 __all__ = [
     "Analysis",
@@ -54,6 +55,7 @@ __all__ = [
     "StateSpace",
     "StaticSolution",
     "SystemBatch",
+    "ThermalDrift",
     "TimeResponse",
     "analyse",
     "analyse_axis",
@@ -69,6 +71,7 @@ __all__ = [
     "static_displacements",
     "static_forces",
     "static_loads",
+    "thermal_drift",
     "time_response",
 ]
 
