@@ -6,6 +6,7 @@ load line by hand, -1.471 um/K): 0.2 %; by both (superposition): 1e-9
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,6 +41,7 @@ def stage(expansion: float | None = STACK, name: str = "vgtu-piezo", **fields: o
 
 
 SYSTEM = bare()[1]
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def test_nothing_moves_where_all_coefficients_are_equal() -> None:
@@ -100,6 +102,14 @@ def test_what_of_a_screw_lies_beyond_its_points_expands_against_the_plate() -> N
         for p in system.probes:
             assert state.readings[p.name] == pytest.approx(float(p.vector @ q), rel=1e-8)
     assert state.readings["x"] == pytest.approx(-38e-9, rel=0.02)
+
+
+def test_the_examples_are_the_stages_of_the_study_on_a_bench() -> None:
+    for name, x, y in (("piezo", -1465e-9, -1543e-9), ("screw", 1044e-9, 207e-9)):
+        on = read_stage(EXAMPLES / f"{name}-stage-on-a-bench.yaml", build)
+        system = bare({"piezo": "vgtu-piezo", "screw": "vgtu-mechanical"}[name])[1]
+        readings = thermal_drift(on, system).readings
+        assert [readings[p] for p in "xy"] == pytest.approx([x, y], rel=0.02)
 
 
 def test_symmetry_removes_the_drift_across_and_none_along() -> None:
