@@ -20,6 +20,7 @@ from flexstage.stage.bench import read_expansion
 from flexstage.stage.designs import build, design
 from flexstage.stage.seat import FlatSeat, Preload, TipSeat
 from flexstage.studies.guided_axes import guides_on_one_side
+from flexstage.studies.models import fitting_options, run_model
 from flexstage.studies.requests import ModelOptions
 from flexstage.system import MechanicalSystem, analyse, static_displacements, thermal_drift
 
@@ -237,6 +238,9 @@ def test_stage_files_and_the_option_name_the_bench(tmp_path) -> None:
         "--bench",
         "base=0.0000115 1/K,holder=0.0000013 1/K,holder_length=-60 mm,temperature_change=5 K",
     ]
+    run = run_model(bare()[0], "lumped", fitting_options("lumped", ModelOptions(bench=bench)))
+    assert run.analysis.stage.bench == bench
+    assert any("the lumped model does not expand" in note for note in run.analysis.validity)
     assert read_expansion("Al 7075-T6") == PLATE
     with pytest.raises(StageError, match=r"got 'granit'; did you mean 'granite'\?"):
         read_expansion("granit")

@@ -43,7 +43,7 @@ class Job:
     held: Mapping[str, Index] = field(default_factory=dict)  # nodes by directions, as "xy" or "z"
     # materials of regions by name, and the direction of their fibres, which alone are stiff
     others: Mapping[str, tuple[Material, str]] = field(default_factory=dict)
-    base: float | None = None  # 1 K warmer, held nodes move with this expansion: the first answer
+    base: float | None = None  # 1 K warmer without loads: held nodes move with it
     loads: Sequence[Array] = ()  # nodal forces [N], each (n, 2 or 3)
     stress: bool = False
     printed: Index | None = None  # nodes whose stress is wanted, all where not given
