@@ -17,6 +17,7 @@ from flexstage.quantities.material import CATALOGUE, Material
 from flexstage.quantities.quantity import QUANTITIES
 from flexstage.stage import (
     Axis,
+    Bench,
     Body,
     Circle,
     Drive,
@@ -76,6 +77,14 @@ def loops(draw: st.DrawFn) -> Loop:
 
 
 circles = st.builds(Circle, centre=points, radius=lengths)
+coefficients = st.floats(-1e-5, 1e-4)
+benches = st.builds(Bench, base=coefficients) | st.builds(
+    Bench,
+    base=coefficients,
+    holder=coefficients,
+    holder_length=lengths | lengths.map(lambda v: -v),
+    temperature_change=st.none() | st.floats(1e-3, 50.0),
+)
 extra_masses = st.builds(ExtraMass, mass=positive, at=points, inertia=st.floats(0.0, 1.0))
 
 
@@ -231,6 +240,7 @@ def stages(draw: st.DrawFn) -> Stage:
         probes=probes,
         axes=axes,
         manufacture=draw(st.builds(Manufacture, wire_width=lengths, minimum_neck=lengths)),
+        bench=draw(st.none() | benches),
         published=tuple(draw(st.lists(characteristics, max_size=2))),
         notes=tuple(draw(st.lists(texts, max_size=2))),
     )

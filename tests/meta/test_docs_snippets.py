@@ -30,7 +30,7 @@ FENCE = re.compile(
 LONG = {
     f"docs/{name}.md"
     for name in (
-        "explanation/identification", "how-to/control",
+        "explanation/drives-on-the-bench", "explanation/identification", "how-to/control",
         "how-to/drive-a-controller", "how-to/equations", "how-to/finite-elements",
         "how-to/frequency-response", "how-to/own-models", "how-to/python",
         "how-to/update-model", "how-to/write-a-plan", "tutorials/piezo-hysteresis",

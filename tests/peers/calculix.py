@@ -41,6 +41,9 @@ class Job:
     material: Material
     thickness: float | None = None  # of a plane part [m]
     held: Mapping[str, Index] = field(default_factory=dict)  # nodes by directions, as "xy" or "z"
+    # materials of regions by name, and the direction of their fibres, which alone are stiff
+    others: Mapping[str, tuple[Material, str]] = field(default_factory=dict)
+    base: float | None = None  # 1 K warmer without loads: held nodes move with it
     loads: Sequence[Array] = ()  # nodal forces [N], each (n, 2 or 3)
     stress: bool = False
     printed: Index | None = None  # nodes whose stress is wanted, all where not given
@@ -108,17 +111,21 @@ def deck(job: Job) -> str:
         lines.append(",".join(numbers[:11]) + ("," if len(numbers) > 11 else ""))
         if len(numbers) > 11:
             lines.append(",".join(numbers[11:]))
-    material = job.material
-    lines += [
-        "*MATERIAL, NAME=M",
-        "*ELASTIC",
-        f"{material.youngs_modulus * 1e-6!r},{material.poissons_ratio!r}",
-        "*DENSITY",
-        f"{material.density * 1e-12!r}",
-        "*SOLID SECTION, ELSET=EALL, MATERIAL=M",
+    rest = np.arange(job.grid.elements.shape[0])
+    for region in job.others:
+        rest = rest[[job.grid.regions[k] != region for k in rest]]
+    sections = [(job.material, "", rest)] + [
+        (material, fibres, np.flatnonzero([r == region for r in job.grid.regions]))
+        for region, (material, fibres) in job.others.items()
     ]
-    if plane:
-        lines.append(f"{thin!r}")
+    for number, (material, fibres, own) in enumerate(sections):
+        lines += [f"*ELSET, ELSET=E{number}", *(f"{k + 1}," for k in own.tolist())]
+        lines += [f"*MATERIAL, NAME=M{number}", *_elastic(material, fibres)]
+        if job.base is not None:
+            lines += ["*EXPANSION, ZERO=0.", f"{material.thermal_expansion!r}"]
+        lines.append(f"*SOLID SECTION, ELSET=E{number}, MATERIAL=M{number}")
+        if plane:
+            lines.append(f"{thin!r}")
     for number, (directions, nodes) in enumerate(job.held.items()):
         lines.append(f"*NSET, NSET=H{number}")
         lines += [f"{n + 1}," for n in nodes.tolist()]
@@ -126,6 +133,15 @@ def deck(job: Job) -> str:
         lines += [f"H{number},{'xyz'.index(c) + 1},{'xyz'.index(c) + 1}" for c in directions]
     if job.printed is not None:
         lines += ["*NSET, NSET=PRINTED", *(f"{n + 1}," for n in job.printed.tolist())]
+    if job.base is not None:
+        lines += ["*INITIAL CONDITIONS, TYPE=TEMPERATURE", "NALL,0."]
+        lines += ["*STEP", "*STATIC", "*TEMPERATURE", "NALL,1.", "*BOUNDARY"]
+        for directions, nodes in job.held.items():
+            for n in nodes.tolist():
+                for c in map("xyz".index, directions):
+                    moved = job.base * 1e3 * job.grid.nodes[n, c]
+                    lines.append(f"{n + 1},{c + 1},{c + 1},{moved:.14g}")
+        lines += [f"*NODE FILE{', OUTPUT=2D' if plane else ''}", "U", "*END STEP"]
     for load in job.loads:
         lines += ["*STEP", "*STATIC", "*CLOAD, OP=NEW"]
         for n, c in zip(*np.nonzero(load), strict=True):
@@ -145,6 +161,18 @@ def deck(job: Job) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _elastic(material: Material, fibres: str) -> list[str]:
+    """Write elasticity and density of a material, of fibres along x or y if these are named."""
+    modulus = material.youngs_modulus * 1e-6
+    lines = ["*ELASTIC", f"{modulus!r},{material.poissons_ratio!r}"]
+    if fibres:
+        moduli = [modulus if axis == fibres else 1e-3 * modulus for axis in "xyz"]
+        shear = 3e-4 * modulus
+        lines = ["*ELASTIC, TYPE=ENGINEERING CONSTANTS"]
+        lines += [f"{','.join(map(repr, moduli))},0.,0.,0.,{shear!r},{shear!r}", f"{shear!r},0."]
+    return [*lines, "*DENSITY", f"{material.density * 1e-12!r}"]
+
+
 def _answer(job: Job, folder: Path, seconds: float) -> Answer:
     count, dimension = job.grid.nodes.shape
     blocks = _blocks(folder / "job.frd", count)
@@ -152,7 +180,7 @@ def _answer(job: Job, folder: Path, seconds: float) -> Answer:
     # the file has xx, yy, zz, xy, yz, zx
     stresses = [b[:, [0, 1, 2, 4, 5, 3]] * 1e6 for name, b in blocks if name == "STRESS"]
     return Answer(
-        displacements=displacements[: len(job.loads)],
+        displacements=displacements[: len(job.loads) + (job.base is not None)],
         stresses=stresses[: len(job.loads)] if job.stress else [],
         frequencies=_frequencies(folder / "job.dat", job.modes),
         seconds=seconds,

@@ -56,7 +56,7 @@ def scikit_fem_figures(stage: Stage, plane: Grid, *, order: int = 2, threads: in
     ratios, stresses = {}, {}
     for axis, u in zip(stage.axes, found, strict=True):
         probe = _probe(stage, axis)
-        own = part.region(_read_by(stage, probe, plane))
+        own = part.region(read_by(stage, probe, plane))
         x, y = np.asarray(own.global_coordinates())
         weights = _rigid(probe, x, y, own.dx)
         reading = np.concatenate([part.integral(own, w) for w in weights / own.dx])
@@ -141,7 +141,7 @@ def _probe(stage: Stage, axis: Axis) -> Probe:
     return probe
 
 
-def _read_by(stage: Stage, probe: Probe, grid: Grid) -> Index:
+def read_by(stage: Stage, probe: Probe, grid: Grid) -> Index:
     """Elements of the body that a probe reads, its half notches included."""
     names = {body_region(probe.body)} | {
         notch_region(h.name, i) for h in stage.hinges for i in (0, 1) if h.bodies[i] == probe.body
@@ -187,7 +187,7 @@ def _elongation(stage: Stage, axis: Axis, plane: Grid, swept: Sweep) -> Array:
 def _reading(stage: Stage, axis: Axis, solid: Grid) -> Array:
     """The reading of an axis' probe as weights of displacements."""
     probe = _probe(stage, axis)
-    own = solid.elements[_read_by(stage, probe, solid)]
+    own = solid.elements[read_by(stage, probe, solid)]
     N, places, volumes = solid_points(solid.nodes, own)
     weights = _rigid(probe, places[..., 0], places[..., 1], volumes)
     total = np.zeros((solid.nodes.shape[0], 3))

@@ -41,17 +41,21 @@ from flexstage.lumped.requests import EquationsRequest
 from flexstage.measure.requests import FrfRequest, UncertaintyRequest
 from flexstage.quantities.units import DIMENSIONS, Length
 from flexstage.records.read_options import DriveColumns, ReadOptions, TextLayout
+from flexstage.stage.bench import Bench
 from flexstage.studies.explore.requests import (
     OptimiseRequest,
     SensitivityRequest,
     SweepRequest,
     ToleranceRequest,
 )
-from flexstage.studies.requests import AnalyseRequest, StudyRequest
+from flexstage.studies.requests import AnalyseRequest, ModelOptions, StudyRequest
 
 #: One of each request, with values that are not the usual ones.
 EXAMPLES: tuple[Request, ...] = (
-    AnalyseRequest(model=("lumped", "solid")),
+    AnalyseRequest(
+        model=("lumped", "solid"),
+        options=ModelOptions(bench=Bench(base=11.5e-6, holder=1.3e-6, holder_length=-0.06)),
+    ),
     CentreRequest(
         error=("e", 2), angle=0, heads=(0.0, 1.25), radius=0.0517, kind="drum", orders=(2, 3),
         sign=-1, stage_at=((1e-6, 0.0), (-2.5e-6, 3e-5)), mounting_angle=0.3, outliers=False,

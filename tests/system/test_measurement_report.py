@@ -445,13 +445,13 @@ def test_each_figure_of_a_simulated_stage_says_where_it_comes_from(
         design("vgtu-mechanical"),
         Characteristics(),
     )
-    kinds = {row.figure.quantity: row.kind for row in published.rows}
+    kinds = {row.figure.quantity: row.source_kind for row in published.rows}
     assert kinds["straightness"] == kinds["straightness_out_of_plane"] == "published"
     assert kinds["roll"] == "assumed"
     own = design("parallelogram")
     simulated = characterised(own)
     found = compare_with_references(simulated, own, Characteristics())
-    kinds = {row.figure.quantity: row.kind for row in found.rows}
+    kinds = {row.figure.quantity: row.source_kind for row in found.rows}
     assert all(kinds.values())
     assert {q for q, kind in kinds.items() if kind == "scatter"} == {"roll", "pitch"}
     assert {"straightness", "cross_coupling", "parasitic_rotation"} <= {

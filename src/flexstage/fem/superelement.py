@@ -277,6 +277,7 @@ class _Margins:
 
 _MARGINS = _Margins()
 _OF_STRESS = ("max_stress", "safety_factor", "fatigue_safety")
+_OF_COEFFICIENTS = ("thermal_drift_in_place", "thermal_rotation_in_place")
 _WORDS = (
     "Uncertainties are estimated from bodies of a lower order and from bodies with more modes, and "
     "exclude errors of geometry, material and supports."
@@ -338,6 +339,8 @@ def with_estimates(
             if row.quantity in _OF_STRESS:
                 left += (excess + _MARGINS.least_of_stress) * abs(row.value)
                 left += scatter_at_points(row)
+            if row.quantity in _OF_COEFFICIENTS:
+                left = math.hypot(left, row.uncertainty or 0.0)
             if left:
                 left += least * abs(row.value)
             # what is a figure of the drawing alone has none

@@ -113,6 +113,13 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("effective_inertia", "kg*m^2", "Effective inertia at the probe", "kg mm²", 1e6),
         Quantity("gravity_sag", "m", "Deflection under 1 g", "µm", 1e6, 1e-12),
         Quantity("thermal_drift", "m/K", "Thermal drift", "nm/K", 1e9, 1e-13),
+        Quantity(
+            "thermal_drift_in_place", "m/K", "Thermal drift, drives in place", "nm/K", 1e9, 1e-13
+        ),
+        Quantity(
+            "thermal_rotation_in_place", "rad/K", "Thermal rotation, drives in place",
+            "µrad/K", 1e6, 1e-12,
+        ),
         Quantity("out_of_plane_frequency_hz", "Hz", "Lowest mode out of plane", "Hz", 1.0),
         Quantity("out_of_plane_stiffness", "N/m", "Stiffness out of plane", "N/µm", 1e-6),
         Quantity("buckling_factor", "1", "Buckling factor", "", 1.0, at_least=1.0),

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
+    from flexstage.stage.bench import Bench
     from flexstage.stage.checks import Issue, check
     from flexstage.stage.contour import Root, root_widths
     from flexstage.stage.drawing.drawn_stage import DrawnStage, read_drawing
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Axis",
+    "Bench",
     "Body",
     "Circle",
     "ContourOptions",

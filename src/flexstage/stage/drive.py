@@ -23,6 +23,10 @@ class Actuator:
     """Coefficient of linear expansion along the drive [1/K]; negative for poled stacks."""
     thermal_expansion_uncertainty: Annotated[float, DIMENSIONS["expansion"], NOT_NEGATIVE] = 0.0
     """Standard uncertainty of this coefficient [1/K]."""
+    length: Size | None = None
+    """Length that expands with temperature [m]; in a stage the distance of its points where not
+    given.
+    """
 
     @property
     def stroke(self) -> float | None:
@@ -152,8 +156,6 @@ class Drive(Actuator):
     """Direction in which it pushes, from the x axis to the left [rad]."""
     patch_half_width: Size = 3e-3
     """Half of the width over which the force is spread [m]."""
-    length: Size | None = None
-    """Length that expands with temperature [m]; the distance of its points where not given."""
     seats: tuple[Seat, ...] = ()
     """Contacts at its ends, in series; where there are none, it is joined rigidly."""
     preload: Preload | None = None

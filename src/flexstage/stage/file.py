@@ -28,6 +28,7 @@ from flexstage.files.yaml_text import Number, yaml_text
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import PROFILES
 from flexstage.quantities.units import DIMENSIONS
+from flexstage.stage.bench import Bench
 from flexstage.stage.bought_parts import bought_drives
 from flexstage.stage.copies import (
     COPIES,
@@ -228,7 +229,7 @@ def stage_schema() -> dict[str, Any]:
         for key, kind in COPIES.items()
     }
     rest = {key: value for key, value in properties.items() if key not in head}
-    only = [*head, "design", "name", "title"]
+    only = [*head, "design", *_CALLED, _BENCH]
     definitions = {**builder.definitions, **schema["$defs"]}
     # a hinge has a profile of its own, or one of those by name
     definitions["Hinge"]["properties"]["profile"] = {
@@ -256,8 +257,9 @@ def stage_schema() -> dict[str, Any]:
 DesignBuilder = Callable[[str, Mapping[str, object]], Stage]
 
 _HEAD = ("flexstage", "length_unit", "parameters", "design")
-# what a file may call the stage of a design
+# what a file may call the stage of a design, and what it may add to it
 _CALLED = ("name", "title")
+_BENCH = "bench"
 _GROUP_OF_NOUN = {"hinge": "hinges", "drive": "drives", "probe": "probes", "axis": "axes"}
 
 
@@ -341,11 +343,15 @@ def stage_from_text(
     """
     decoder, root = read(text, source, STAGE_FILE, settings_of(set or {}, StageError))
     if "design" in root.items:
-        decoder.check_keys(root, "", (*_HEAD, *_CALLED))
+        decoder.check_keys(root, "", (*_HEAD, *_CALLED, _BENCH))
         designed_stage = _from_design(decoder, root.items["design"], designs)
-        words = {key: decoder.text(root.items[key], key) for key in _CALLED if key in root.items}
+        words: dict[str, Any] = {
+            key: decoder.text(root.items[key], key) for key in _CALLED if key in root.items
+        }
         if "name" in words:
             check_name(words["name"], lambda text: decoder.refuse(root.items["name"], "name", text))
+        if _BENCH in root.items:
+            words[_BENCH] = decoder.decode(Bench | None, root.items[_BENCH], _BENCH)
         return replace(designed_stage, **words) if words else designed_stage
     for name in decoder.settings.items:
         require_known(source, name, decoder.parameters, StageError)

@@ -13,6 +13,7 @@ from flexstage.hinges import Profile
 from flexstage.quantities.characteristic import Characteristic
 from flexstage.quantities.material import Material
 from flexstage.quantities.units import DIMENSIONS, Angle, Length
+from flexstage.stage.bench import Bench
 from flexstage.stage.drive import Drive
 from flexstage.stage.outline import Circle, Loop, Point
 
@@ -263,6 +264,8 @@ class Stage:
     """Directions of positioning."""
     manufacture: Manufacture = field(default_factory=Manufacture)
     """Limits of the cutting process."""
+    bench: Bench | None = None
+    """Base plate and sensor holder, for thermal drift."""
     published: tuple[Characteristic, ...] = ()
     """Published figures."""
     notes: tuple[str, ...] = ()

@@ -249,7 +249,9 @@ def fitting_options(model: str, options: ModelOptions) -> ModelOptions:
     """
     known_model(model)
     return ModelOptions(
-        cache=options.cache, **{name: getattr(options, name) for name in _CHOICES[model]}
+        cache=options.cache,
+        bench=options.bench,
+        **{name: getattr(options, name) for name in _CHOICES[model]},
     )
 
 
@@ -263,6 +265,8 @@ def run_model(stage: Stage, model: str, options: ModelOptions | None = None) -> 
         value = getattr(options, name)
         if name not in _CHOICES[model] and value != getattr(defaults, name):
             raise ModelError(message.format(model=model, value=value, instead=instead))
+    if options.bench is not None:
+        stage = replace(stage, bench=options.bench)
     _require_computable(stage)
     return MODELS[model](stage, options)
 

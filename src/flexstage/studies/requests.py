@@ -9,6 +9,7 @@ from flexstage.files.request import Request
 from flexstage.hinges.requests import Plane
 from flexstage.hysteresis.requests import AmplifierLimits, Voltages
 from flexstage.quantities.units import parse
+from flexstage.stage.bench import Bench
 from flexstage.system.requests import ModelName, ModelNames
 
 if TYPE_CHECKING:
@@ -43,6 +44,10 @@ class ModelOptions(Request):
     stroke: bool = False
     """Compute each axis over its stroke with large displacements (plane model): straightness,
     stiffening, buckling.
+    """
+    bench: Bench | None = None
+    """Base plate and sensor holder, for the thermal drift with the drives in place, instead of
+    those of the stage file: "base=aluminium,holder=invar,holder_length=60 mm".
     """
     cache: Cache | bool = field(default=True, compare=False)
     """Cache of condensed bodies of superelements, True for the user's cache."""

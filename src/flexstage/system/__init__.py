@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         static_forces,
         static_loads,
     )
+    from flexstage.system.thermal import ThermalDrift, thermal_drift
 
 __all__ = [
     "Analysis",
@@ -58,6 +59,7 @@ __all__ = [
     "StateSpace",
     "StaticSolution",
     "SystemBatch",
+    "ThermalDrift",
     "TimeResponse",
     "analyse",
     "analyse_axis",
@@ -75,6 +77,7 @@ __all__ = [
     "static_drives",
     "static_forces",
     "static_loads",
+    "thermal_drift",
     "time_response",
 ]
 

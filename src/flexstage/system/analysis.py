@@ -16,6 +16,7 @@ from flexstage.system.response import (
     response_of_modes,
 )
 from flexstage.system.statics import AxisAnalysis
+from flexstage.system.thermal import thermal_notes
 
 _CONDITIONS: tuple[DriveCondition, ...] = ("removed", "in place", "locked")
 
@@ -96,7 +97,11 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
         modes=lowest_modes,
         responses=tuple(responses),
         characteristics=Characteristics(rows),
-        validity=(*system.validity, *_missing(system, lowest_modes["removed"])),
+        validity=(
+            *system.validity,
+            *_missing(system, lowest_modes["removed"]),
+            *thermal_notes(stage, system),
+        ),
         provenance=provenance(stage, system.settings),
         coupling=states.coupling,
     )

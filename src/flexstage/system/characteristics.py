@@ -27,6 +27,7 @@ from flexstage.system.statics import (
     static_loads,
     static_state,
 )
+from flexstage.system.thermal import drift_rows
 
 
 def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:
@@ -279,6 +280,8 @@ def axis_characteristics(
         *_loaded(system, axis.probe),
     ):
         add(quantity, value, note)
+    for quantity, value, note, uncertainty in drift_rows(stage, system, axis.axis, axis.probe):
+        add(quantity, value, note, uncertainty)
     return add.rows
 
 

@@ -39,6 +39,7 @@ DIMENSIONS: dict[str, Dimension] = {
         Dimension(name="temperature", si="K", units=("K", "mK")),
         Dimension(name="expansion", si="1/K", units=("1/K", "um/m/K")),
         Dimension(name="drift", si="m/K", units=("nm/K", "um/K", "m/K")),
+        Dimension(name="angular drift", si="rad/K", units=("urad/K", "rad/K")),
         Dimension(name="conductivity", si="W/m/K", units=("W/m/K",)),
         Dimension(name="area", si="m^2", units=("um^2", "mm^2", "m^2")),
         Dimension(name="speed", si="m/s", units=("nm/s", "um/s", "mm/s", "m/s")),

@@ -71,6 +71,7 @@ _KNOWN_ATOMS = frozenset(
     ]
 )
 
+_OF_ANGLES = frozenset(("angle", "rotational stiffness"))
 _WITHOUT_PREFIX = frozenset(("inch", "minute", "hour", "degree", "kilogram", "force_kilogram"))
 
 
@@ -106,7 +107,7 @@ def factor_of(unit: str, dimension: str) -> Decimal:
     angles = ("rad", "deg", "arc", "turn", "rev", "grad", "cycle", "rpm")
     is_angle = any(word in spelled.lower() for word in angles)
     # the radian is the number one to pint, so names distinguish angles from frequencies
-    if is_angle != (dimension in {"angle", "angular speed", "rotational stiffness"}):
+    if is_angle != (dimension.startswith("angular") or dimension in _OF_ANGLES):
         raise UnitError(f"'{unit}' is not a unit of {target.name}: expected {allowed}")
     try:
         return quantity.to(target.si).magnitude
