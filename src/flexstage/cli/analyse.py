@@ -107,6 +107,8 @@ def _write_files(
 
 
 def _print(screen: "Console", run: "ModelRun") -> None:
+    from flexstage.report.implied_seats import seat_sentences
+
     analysis = run.analysis
     _characteristics(screen, analysis)
     _modes(screen, analysis)
@@ -115,7 +117,7 @@ def _print(screen: "Console", run: "ModelRun") -> None:
     _responses(screen, analysis)
     _loads(screen, analysis)
     _bars(screen, run.bars)
-    print_notes(screen, analysis.validity)
+    print_notes(screen, (*analysis.validity, *seat_sentences(analysis)))
 
 
 def _characteristics(screen: "Console", analysis: "Analysis") -> None:
