@@ -1,7 +1,7 @@
 """What a frequency says of a seat: one mode, all modes, bounds, lift-off in time.
 
 Evidence (Stages, tolerances, designs): lift-off of a drive in time (integration with events):
-between 0.90 and 1.04 of the frequency
+between 0.98 and 1.01 of the frequency
 """
 
 import math
@@ -140,7 +140,8 @@ def test_a_sentence_for_each_axis_with_a_stack_and_a_measured_frequency() -> Non
     x, y = seat_sentences(analyse(stage, lumped_system(stage)))
     assert "measured 337 Hz in x, computed 326.0 Hz without stack" in x
     assert "0.40 N/µm" in x
-    assert "no linear seat gives both" in x
+    assert "which takes 83 N/µm or more" in x
+    assert "so the stack was out, lifted off or not preloaded" in x
     assert "at most 0.075 N/µm" in y
     screws = design("vgtu-mechanical")
     assert seat_sentences(analyse(screws, lumped_system(screws))) == ()
@@ -151,16 +152,23 @@ def test_a_sentence_for_each_axis_with_a_stack_and_a_measured_frequency() -> Non
 # ------------------------------------------------------------------------------- lift-off in time
 
 
+STACK = 400e6
+
+
 @cache
 def bridge() -> tuple[Stage, float]:
-    """Return a stage with a stack on a ball, and the frequency at which it lifts off [Hz]."""
+    """Return a stage with a stack on a ball, and the frequency at which it lifts off [Hz].
+
+    Both are so stiff that the stage follows the stack, as the closed form takes it to do.
+    """
     stage = design("bridge")
     stage = replace(
         stage,
         drives=(
             replace(
                 stage.drives[0],
-                seats=(BallSeat(radius=1.0, contact_modulus=115.4e9),),
+                stiffness=STACK,
+                seats=(BallSeat(radius=100.0, contact_modulus=115.4e9),),
                 preload=Preload(force=20.0),
             ),
         ),
@@ -183,7 +191,7 @@ def opens(frequency_hz: float) -> tuple[bool, float, bool]:
     ball = drive.seats[0]
     assert isinstance(ball, BallSeat)
     force_0, omega = 20.0, 2.0 * math.pi * frequency_hz
-    whole = 60.0 / frequency_hz
+    whole = 30.0 / frequency_hz
     # of the approach itself, with the law of Hertz written out
     hertz = (9.0 / (16.0 * ball.radius * ball.contact_modulus**2)) ** (1.0 / 3.0)
     rest = hertz * force_0 ** (2.0 / 3.0)
@@ -195,11 +203,11 @@ def opens(frequency_hz: float) -> tuple[bool, float, bool]:
 
     def contact_force(t: float, u: float) -> float:
         """Return the force on the seat; 0 where it is open."""
-        shortened = free(t) - u + rest + force_0 / 25e6
+        shortened = free(t) - u + rest + force_0 / STACK
         if shortened <= 0.0:
             return 0.0
         # shortened = F/k_s + hertz F^(2/3), a cubic of the root
-        roots = np.roots([1.0 / 25e6, hertz, 0.0, -shortened])
+        roots = np.roots([1.0 / STACK, hertz, 0.0, -shortened])
         return float(roots[np.abs(roots.imag) < 1e-9 * np.abs(roots)].real.max()) ** 3
 
     def motion(t: float, state: np.ndarray) -> list[float]:
@@ -210,7 +218,7 @@ def opens(frequency_hz: float) -> tuple[bool, float, bool]:
         return [state[1], (-force_0 - k * state[0]) / mass]
 
     def gap(t: float, state: np.ndarray) -> float:
-        return free(t) - state[0] + rest + force_0 / 25e6
+        return free(t) - state[0] + rest + force_0 / STACK
 
     gap.terminal = True  # type: ignore[attr-defined]
     gap.direction = -1.0  # type: ignore[attr-defined]
@@ -239,9 +247,9 @@ def opens(frequency_hz: float) -> tuple[bool, float, bool]:
 
 def test_a_drive_lifts_off_above_its_frequency_and_not_below() -> None:
     _, lift_hz = bridge()
-    opened, _, _ = opens(0.90 * lift_hz)
+    opened, _, _ = opens(0.98 * lift_hz)
     assert not opened
-    opened, gap, closed_again = opens(1.04 * lift_hz)
+    opened, gap, closed_again = opens(1.01 * lift_hz)
     assert opened
     assert gap > 0.0
     assert closed_again

@@ -42,11 +42,11 @@ def _sentence(seat: ImpliedSeat) -> str:
     if seat.least_stroke_stiffness is not None:
         parts.append(_stroke(seat))
     if seat.contradicted:
-        parts.append("so no linear seat gives both: the stack was out, lifted off or not preloaded")
+        parts.append("so the stack was out, lifted off or not preloaded")
     if seat.closed_hz:
         low, high = (number(pick(seat.closed_hz.values()), 3) for pick in (min, max))
         parts.append(
-            f"the frequency at half stroke decides: {low} to {high} Hz with contact closed, "
+            f"the frequency at half stroke decides: {low} to {high} Hz in contact, "
             f"{number(seat.bare_hz, 3)} Hz without stack"
         )
     return f"{'; '.join(parts)}."
@@ -59,21 +59,23 @@ def _newtons(stiffness: float) -> str:
 def _stiffness(seat: ImpliedSeat) -> str:
     low, high = seat.seat_interval
     if seat.seat_stiffness is None:
-        return f"a linear seat would have at most {_newtons(high)} (95 %)"
+        return f"that implies a linear seat of at most {_newtons(high)} (95 %)"
     if seat.measured_hz >= seat.ideal_hz:
-        return f"a linear seat would have at least {_newtons(low)} (95 %)"
+        return f"that implies a linear seat of at least {_newtons(low)} (95 %)"
     most = f"to {_newtons(high)}" if high < float("inf") else "or more"
     return (
-        f"a linear seat would have {_newtons(seat.seat_stiffness)} (95 %: "
-        f"{number(1e-6 * low, 2)} {most}) and leave {100.0 * seat.share_left:.0f} % of the stroke"
+        f"that implies a linear seat of {_newtons(seat.seat_stiffness)} (95 %: "
+        f"{number(1e-6 * low, 2)} {most}), which leaves {100.0 * seat.share_left:.0f} % of the "
+        "stroke"
     )
 
 
 def _stroke(seat: ImpliedSeat) -> str:
     assert seat.measured_share is not None
     assert seat.least_stroke_stiffness is not None
-    measured = f"the measured stroke is {100.0 * seat.measured_share:.0f} % of the free one"
-    tolerance = f"with {100.0 * STROKE_TOLERANCE:.0f} % more free stroke"
+    share = " of the free stroke" if seat.seat_stiffness is None else ""
+    measured = f"{100.0 * seat.measured_share:.0f} %{share} was measured"
+    tolerance = f"even with {100.0 * STROKE_TOLERANCE:.0f} % more free stroke"
     if seat.least_stroke_stiffness == float("inf"):
-        return f"{measured}, which no seat leaves, even {tolerance}"
-    return f"{measured}, which takes at least {_newtons(seat.least_stroke_stiffness)} {tolerance}"
+        return f"{measured}, which no seat leaves {tolerance}"
+    return f"{measured}, which takes {_newtons(seat.least_stroke_stiffness)} or more {tolerance}"
