@@ -12,7 +12,7 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.base.errors import ConvergenceError, HingeError, ModelError
+from flexstage.base.errors import ConvergenceError, HingeError, ModelError, StageError
 from flexstage.hinges import (
     CornerFilleted,
     Elliptical,
@@ -33,7 +33,7 @@ from flexstage.measure.updating import (
     with_neck_thickness,
 )
 from flexstage.quantities.estimate import Component, Estimate
-from flexstage.stage import check
+from flexstage.stage import check, mass_properties
 from flexstage.stage.designs import design
 from flexstage.system import ModalDamping, analyse
 from tests.tiers import limits, sizes
@@ -346,3 +346,80 @@ def test_a_measurement_that_no_stage_has_ends_in_one_sentence():
     wide = dataclasses.replace(NECKS, spread=0.5)
     with pytest.raises(ConvergenceError, match="widen the spread"):
         update_stage(design("parallelogram"), {(F, "x"): seen(9e3, 1e-3)}, parameters=[wide])
+
+
+SEAT = UpdateParameter(name="seat", kind="seat_stiffness", drive="y", limits=(1e3, 1e9))
+ADDED = UpdateParameter(name="target", kind="added_mass", body="output", spread=3e-4, expected=1e-3)
+OFFSET = UpdateParameter(name="offset", kind="neck_offset", spread=1e-6)
+
+
+def in_place(stage):
+    return float(predict(lumped_system(stage), [(F, "y")], drives="in place")[0])
+
+
+@pytest.mark.parametrize("others", [[], [OFFSET, ADDED]], ids=["alone", "with necks and a mass"])
+def test_a_seat_is_found_within_its_interval(others):
+    stage, true = design("bridge"), {"seat": 5e6, "offset": 0.8e-6, "target": 1.2e-3}
+    parameters = [SEAT, *others]
+    made = in_place(stage_with(stage, parameters, true))
+    found = update_stage(
+        stage, {(F, "y"): seen(made, 0.5)}, parameters=parameters, drives="in place"
+    )
+    low, high = found.values["seat"].bounds
+    assert low < 5e6 < high
+    assert not any("no value" in note for note in found.unidentified)
+    assert math.log(high / low) == pytest.approx(
+        2 * 1.96 * found.values["seat"].uncertainty / found.values["seat"].value, rel=0.1
+    )
+    if not others:
+        assert found.values["seat"].value == pytest.approx(5e6, rel=1e-3)
+        # of one parameter the ends are where the frequency is two spreads away
+        for end, sign in ((low, -1.0), (high, 1.0)):
+            there = in_place(stage_with(stage, parameters, {"seat": end}))
+            assert there - made == pytest.approx(sign * 1.96 * 0.5, rel=0.02)
+    else:
+        assert high / low > 1.15
+    drawn = found.samples(200)[:, 0]
+    assert 1e3 < drawn.min() < 5e6 < drawn.max() < 1e9
+
+
+def test_a_frequency_below_the_bare_one_bounds_the_seat():
+    stage = design("bridge")
+    bare = frequency(stage, "y")
+    found = update_stage(
+        stage, {(F, "y"): seen(0.995 * bare, 1.0)}, parameters=[SEAT, OFFSET], drives="in place"
+    )
+    low, high = found.values["seat"].bounds
+    assert low == 1e3
+    assert high < 1e6
+    assert "no value of seat: at most" in found.unidentified[-1]
+    assert found.values["seat"].note == found.unidentified[-1]
+    assert found.values["seat"].value < high
+    # without any doubt of the necks the bound lies where the frequency is 1.96 spreads too high
+    alone = update_stage(stage, {(F, "y"): seen(bare, 1.0)}, parameters=[SEAT], drives="in place")
+    at = in_place(stage_with(stage, [SEAT], {"seat": alone.values["seat"].bounds[1]}))
+    assert at - bare == pytest.approx(1.96, rel=0.05)
+
+
+def test_places_of_seats_and_masses_are_checked():
+    stage, measured = design("bridge"), {(F, "y"): seen(600.0, 1.0)}
+    with pytest.raises(ModelError, match="give drives='in place'"):
+        update_stage(stage, measured, parameters=[SEAT])
+    other = dataclasses.replace(SEAT, drive="z")
+    with pytest.raises(StageError, match="drive 'z'"):
+        update_stage(stage, measured, parameters=[other], drives="in place")
+    with pytest.raises(StageError, match="body 'z'"):
+        update_stage(stage, measured, parameters=[dataclasses.replace(ADDED, body="z")])
+    with pytest.raises(ModelError, match="needs limits"):
+        dataclasses.replace(SEAT, limits=(1e6, 1e3))
+    with pytest.raises(ModelError, match="only the stiffness of a seat"):
+        dataclasses.replace(NECKS, limits=(0.9, 1.1))
+    with pytest.raises(ModelError, match="which mass is expected"):
+        dataclasses.replace(ADDED, expected=0.0)
+    heavy = stage_with(stage, [ADDED], {"target": 2e-3})
+    assert mass_properties(heavy)["output"].mass == pytest.approx(
+        mass_properties(stage)["output"].mass + 2e-3
+    )
+    assert mass_properties(heavy)["output"].centre == pytest.approx(
+        mass_properties(stage)["output"].centre
+    )

@@ -16,7 +16,9 @@ from flexstage.report.figures.sweep import draw_indices, draw_sweep
 from flexstage.report.result_files import sweep_csv, sweep_parquet
 from flexstage.report.sweep import sweep_html, sweep_notes, sweep_tables
 from flexstage.report.tables import LUMPED_NOTE
+from flexstage.stage import write_stage
 from flexstage.stage.designs import StageTemplate, find_stage
+from flexstage.stage.seat import FlatSeat, Preload
 from flexstage.studies.explore import (
     Family,
     Figure,
@@ -426,3 +428,25 @@ def test_the_page_needs_nothing_else(over_legs):
 def test_figures_are_found_by_name():
     known = known_figures(find_stage("parallelogram"))
     assert figure_of("stroke.x", known).name == "output_displacement.x"
+
+
+def test_preload_and_roughness_of_a_seat_are_parameters_of_a_file(tmp_path):
+    file, stage = tmp_path / "seated.yaml", find_stage("bridge")
+    seat = FlatSeat(roughness_length=0.72e-6)
+    drive = replace(stage.drives[0], seats=(seat,), preload=Preload(force=5.0))
+    write_stage(replace(stage, drives=(drive,)), file)
+    text = file.read_text().replace("0.00072 mm", "= rough").replace("force: 5 N", "force: = F")
+    assert "= rough" in text
+    assert "= F" in text
+    file.write_text(f"{text}\nparameters:\n  F: 5 N\n  rough: 0.72 um\n")
+    seated = sweep(
+        family(str(file), "F=1..9 N/2", "rough=0.1..0.72 um/2"),
+        [Figure(quantity="working_displacement", axis="y")],
+        SweepPlan(sampling="grid", samples=4),
+    )
+    for point, (value,) in zip(seated.points.tolist(), seated.values.tolist(), strict=True):
+        contact = FlatSeat(roughness_length=point[1])
+        alone = replace(drive, seats=(contact,), preload=Preload(force=point[0]))
+        one = replace(stage, drives=(alone,))
+        table = analyse(one, lumped_system(one)).characteristics
+        assert value == pytest.approx(table.value("working_displacement", "y"), rel=1e-9)

@@ -108,6 +108,7 @@ def _write_files(
 
 
 def _print(screen: "Console", run: "ModelRun") -> None:
+    from flexstage.report.implied_seats import seat_sentences
     from flexstage.report.stacks import stack_tables
 
     analysis = run.analysis
@@ -120,7 +121,7 @@ def _print(screen: "Console", run: "ModelRun") -> None:
     _bars(screen, run.bars)
     for table in stack_tables(run.stacks):
         display_table(screen, table)
-    print_notes(screen, analysis.validity)
+    print_notes(screen, (*analysis.validity, *seat_sentences(analysis)))
 
 
 def _characteristics(screen: "Console", analysis: "Analysis") -> None:

@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,7 +24,8 @@ from flexstage.base.choose import has_no
 from flexstage.base.errors import ConvergenceError, FlexstageError, ModelError
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.quantities.estimate import Component, Estimate
-from flexstage.stage import Hinge, Stage
+from flexstage.stage import ExtraMass, Force, Hinge, Stage, mass_properties
+from flexstage.stage.seat import TipSeat
 from flexstage.system import (
     AxisAnalysis,
     DriveCondition,
@@ -36,7 +37,15 @@ from flexstage.system import (
 from flexstage.system.characteristics import axis_mode
 from flexstage.system.mechanical import AxisPort
 
-Kind = Literal["neck_factor", "neck_offset", "modulus_factor", "density_factor", "damping_ratio"]
+Kind = Literal[
+    "neck_factor",
+    "neck_offset",
+    "modulus_factor",
+    "density_factor",
+    "damping_ratio",
+    "added_mass",
+    "seat_stiffness",
+]
 #: Kinds of parameters: the unit, and the expectation where none is given.
 PARAMETER_KINDS: dict[str, tuple[str, float | None]] = {
     "neck_factor": ("1", 1.0),
@@ -44,6 +53,8 @@ PARAMETER_KINDS: dict[str, tuple[str, float | None]] = {
     "modulus_factor": ("1", 1.0),
     "density_factor": ("1", 1.0),
     "damping_ratio": ("1", None),
+    "added_mass": ("kg", None),
+    "seat_stiffness": ("N/m", None),
 }
 
 
@@ -67,16 +78,23 @@ class UpdateParameter:
     """Its name."""
     kind: Kind
     """One of `PARAMETER_KINDS`: a factor of neck thicknesses or what is added to them, a factor of
-    Young's modulus or of the density, or the damping ratio of all modes.
+    Young's modulus or of the density, the damping ratio of all modes, a mass at the centre of
+    mass of a body, or the stiffness of the seat of a drive against small vibrations.
     """
-    spread: float
-    """Standard deviation of what is known before [1], of an offset [m]: the scatter of the machine,
-    of the alloy.
+    spread: float = math.nan
+    """Standard deviation of what is known before [1], of an offset [m], of a mass [kg]: the scatter
+    of the machine, of the alloy. A seat has limits instead.
     """
     hinges: tuple[str, ...] = ("*",)
     """Patterns of the names of the hinges that it is for, as ``xgp*``; all where not given."""
     expected: float | None = None
-    """What is expected before; 1 of a factor, 0 of an offset. A damping ratio needs it."""
+    """What is expected before; 1 of a factor, 0 of an offset. Damping ratio and mass need it."""
+    body: str = ""
+    """Name of the body that a mass is added to."""
+    drive: str = ""
+    """Name of the drive that has the seat."""
+    limits: tuple[float, float] | None = None
+    """Least and largest stiffness of a seat [N/m]; before, each ratio between them is as likely."""
 
     def __post_init__(self) -> None:
         if self.kind not in PARAMETER_KINDS:
@@ -84,6 +102,15 @@ class UpdateParameter:
                 f"parameter '{self.name}': unknown kind {self.kind!r}: expected one of "
                 f"{', '.join(PARAMETER_KINDS)}"
             )
+        if self.kind == "seat_stiffness":
+            if self.limits is None or not 0.0 < self.limits[0] < self.limits[1] < math.inf:
+                raise ModelError(
+                    f"parameter '{self.name}': the stiffness of a seat needs limits, positive and "
+                    f"rising, got {self.limits!r}"
+                )
+            return
+        if self.limits is not None:
+            raise ModelError(f"parameter '{self.name}': only the stiffness of a seat has limits")
         if not 0.0 < self.spread < math.inf:
             raise ModelError(
                 f"parameter '{self.name}': the spread must be positive and finite, got "
@@ -91,6 +118,11 @@ class UpdateParameter:
             )
         if self.expected is None and self.kind == "damping_ratio":
             raise ModelError(f"parameter '{self.name}': say which damping ratio is expected")
+        if self.kind == "added_mass" and not (self.expected or 0.0) > 0.0:
+            raise ModelError(
+                f"parameter '{self.name}': say which mass is expected, above 0, got "
+                f"{self.expected!r}"
+            )
         if self.expected is not None and not math.isfinite(self.expected):
             raise ModelError(
                 f"parameter '{self.name}': what is expected must be finite, got {self.expected!r}"
@@ -104,8 +136,35 @@ class UpdateParameter:
     @property
     def mean(self) -> float:
         """What is expected of it before."""
+        if self.limits is not None:
+            return math.sqrt(self.limits[0] * self.limits[1])
         usual = PARAMETER_KINDS[self.kind][1]
         return self.expected if self.expected is not None else float(usual or 0.0)
+
+    def value_at(self, x: float) -> float:
+        """Return its value at a coordinate x that is normal, of mean 0 and deviation 1, before."""
+        if self.limits is None:
+            return self.mean + self.spread * x
+        from scipy.special import ndtr
+
+        low, high = self.limits
+        return low * (high / low) ** float(ndtr(x))
+
+    def coordinate_of(self, value: float) -> float:
+        """Return the coordinate at which it has a value."""
+        if self.limits is None:
+            return (value - self.mean) / self.spread
+        from scipy.special import ndtri
+
+        low, high = self.limits
+        return float(ndtri(math.log(value / low) / math.log(high / low)))
+
+    def slope_at(self, x: float) -> float:
+        """Return the derivative of its value there, its local standard deviation before."""
+        if self.limits is None:
+            return self.spread
+        density = math.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)
+        return self.value_at(x) * math.log(self.limits[1] / self.limits[0]) * density
 
     def holds(self, hinge: str) -> bool:
         """Say whether it is for a hinge of this name: whether one of its patterns fits."""
@@ -129,7 +188,8 @@ def stage_with(
     Returns
     -------
     Stage
-        The same bodies with these necks and this material; a damping ratio is no part of a stage.
+        The same bodies with these necks, masses, seats and this material; a damping ratio is no
+        part of a stage.
 
     Raises
     ------
@@ -147,13 +207,26 @@ def stage_with(
     0.48
     """
     modulus, density = stage.material.youngs_modulus, stage.material.density
+    bodies, drives = stage.bodies, stage.drives
     for p in parameters:
+        value = values[p.name]
         if p.kind == "modulus_factor":
-            modulus *= values[p.name]
+            modulus *= value
         elif p.kind == "density_factor":
-            density *= values[p.name]
+            density *= value
+        elif p.kind == "added_mass":
+            mass = ExtraMass(mass=value, at=mass_properties(stage)[p.body].centre)
+            bodies = tuple(
+                replace(b, extra_masses=(*b.extra_masses, mass)) if b.name == p.body else b
+                for b in bodies
+            )
+        elif p.kind == "seat_stiffness":
+            seats = (TipSeat(axial_stiffness=value),)
+            drives = tuple(replace(d, seats=seats) if d.name == p.drive else d for d in drives)
     return replace(
         stage,
+        bodies=bodies,
+        drives=drives,
         material=replace(stage.material, youngs_modulus=modulus, density=density),
         hinges=tuple(_hinge(h, parameters, values) for h in stage.hinges),
     )
@@ -186,7 +259,11 @@ _FAR = (
     "the most probable parameters are not reached: the measured values may be far from what the "
     "model can give; widen the spread, or check the units"
 )
-_ITERATIONS = 40
+_ITERATIONS, _SEATED_ITERATIONS = 40, 120
+# fall of the doubled log-likelihood at the ends of a 95 % interval: chi-squared, one parameter
+_LIKELY = 3.841458820694124
+# doubled Phi of what no stage gives
+_IMPOSSIBLE = 1e12
 
 
 def predict(
@@ -255,8 +332,9 @@ def predict(
 class UpdatingProblem:
     """Residuals in units of their uncertainty, over parameters in units of their spread.
 
-    Everywhere x is parameters less what is expected, over their spreads [1], shape (p,); m values
-    are measured, by quantity and name of the axis. `model_uncertainty` is relative [1].
+    Everywhere x is parameters less what is expected, over their spreads [1], shape (p,), or the
+    coordinate of a seat; m values are measured, by quantity and name of the axis.
+    `model_uncertainty` is relative [1].
     """
 
     def __init__(
@@ -276,11 +354,12 @@ class UpdatingProblem:
         from flexstage.lumped import lumped_system
 
         self.stage, self.parameters = stage, parameters
+        # frequencies bend strongly over the coordinate of a seat: full steps may swing
+        self.seated = any(p.limits is not None for p in parameters)
         self.drives: DriveCondition = drives
         self.measured = dict(measured)
         self.model: Model = lumped_system if model == "lumped" else model
-        self.mean = np.array([p.mean for p in parameters])
-        self.sigma = np.array([p.spread for p in parameters])
+        self.model_uncertainty = model_uncertainty
         self.keys = list(measured)
         self.y = np.array([e.value for e in measured.values()])
         # from standard to expanded uncertainty of a normal distribution at 95 %
@@ -295,7 +374,11 @@ class UpdatingProblem:
 
     def values(self, x: Array) -> Array:
         """Return the values of the parameters, in their units."""
-        return self.mean + self.sigma * x
+        return np.array([p.value_at(v) for p, v in zip(self.parameters, x.tolist(), strict=True)])
+
+    def slopes(self, x: Array) -> Array:
+        """Return the derivatives of these values."""
+        return np.array([p.slope_at(v) for p, v in zip(self.parameters, x.tolist(), strict=True)])
 
     def stage_at(self, x: Array) -> Stage:
         """Return the stage that has parameters."""
@@ -348,16 +431,18 @@ def half_square(residual: Array, x: Array) -> float:
     return 0.5 * float(residual @ residual + x @ x)
 
 
-def most_probable(problem: UpdatingProblem) -> tuple[Array, Array, Array, int]:
-    """Search by Gauss and Newton's steps.
+def most_probable(
+    problem: UpdatingProblem, start: Array | None = None
+) -> tuple[Array, Array, Array, int]:
+    """Search by Gauss and Newton's steps, from what is expected or from a start.
 
     Returned are the most probable parameters less what is expected, over their spreads; there the
     whitened residual and the derivatives of the whitened prediction; and the number of steps.
     """
-    x = np.zeros(len(problem.parameters))
+    x = np.zeros(len(problem.parameters)) if start is None else start
     r = problem.residual(x)
     jacobian = problem.jacobian(x)
-    for iteration in range(_ITERATIONS):
+    for iteration in range(_SEATED_ITERATIONS if problem.seated else _ITERATIONS):
         curvature = jacobian.T @ jacobian + np.eye(x.size)
         step: Array = np.linalg.solve(curvature, jacobian.T @ r - x).astype(np.float64)
         # length of the step in standard deviations of what is known after
@@ -365,20 +450,28 @@ def most_probable(problem: UpdatingProblem) -> tuple[Array, Array, Array, int]:
         if length < _CLOSE:
             return x, r, jacobian, iteration
         x, r = _descended(problem, x, r, step)
-        if length > _SAME:
+        if length > _SAME or problem.seated:
             jacobian = problem.jacobian(x)
     raise ConvergenceError(_FAR)
 
 
 def _descended(problem: UpdatingProblem, x: Array, r: Array, step: Array) -> tuple[Array, Array]:
-    """Take a step, halved until it descends."""
+    """Take a step, halved until it descends; with a seat, until it descends no further."""
     least = half_square(r, x)
+    best: tuple[Array, Array] | None = None
     for halvings in range(20):
         there = x + 0.5**halvings * step
         new = problem.residual_or_refused(there)
+        cost = half_square(new, there)
+        if best is not None and cost >= least:
+            return best
         # rounding leaves that much of the cost
-        if half_square(new, there) <= least + 1e-9 * (1.0 + least):
-            return there, new
+        if cost <= least + 1e-9 * (1.0 + least):
+            if not problem.seated:
+                return there, new
+            best, least = (there, new), cost
+    if best is not None:
+        return best
     raise ConvergenceError(_FAR)
 
 
@@ -449,9 +542,16 @@ class Updated:
 
         Values in the order of `parameters`, shape (count, p).
         """
-        mean = [self.values[p.name].value for p in self.parameters]
+        mean = np.array([self.values[p.name].value for p in self.parameters])
         generator = np.random.default_rng(seed)
-        return generator.multivariate_normal(mean, self.covariance, count, method="cholesky")
+        sampled = generator.multivariate_normal(mean, self.covariance, count, method="cholesky")
+        for i, p in enumerate(self.parameters):
+            if p.limits is not None:
+                # normal in the coordinate of a seat, which no draw leaves its limits by
+                x = p.coordinate_of(float(mean[i]))
+                there = x + (sampled[:, i] - mean[i]) / p.slope_at(x)
+                sampled[:, i] = [p.value_at(v) for v in there.tolist()]
+        return sampled
 
 
 def update_stage(
@@ -463,7 +563,7 @@ def update_stage(
     drives: DriveCondition = "removed",
     model_uncertainty: float = 0.0,
 ) -> Updated:
-    """Fit necks, modulus, density or damping of a stage to measured figures.
+    """Fit necks, material, damping, masses or seats of a stage to measured figures.
 
     Parameters
     ----------
@@ -492,9 +592,10 @@ def update_stage(
     ------
     ModelError
         Nothing is measured, or nothing to be found; a name is given twice; a pattern fits no hinge;
-        a measured value has no uncertainty.
+        a measured value has no uncertainty; there is no such body or drive, or a seat is to be
+        found with its drive not in place.
     ConvergenceError
-        40 steps do not reach the most probable parameters.
+        40 steps, or 120 with a seat, do not reach the most probable parameters.
 
     Notes
     -----
@@ -502,6 +603,11 @@ def update_stage(
     posterior spread (`Updated.curvature_error` measures it). A measured value of few degrees of
     freedom counts with the normal distribution of its 95 % interval. What is wrong with the model
     and not among the parameters goes into them: say so by `model_uncertainty`.
+
+    The interval of a seat is that of its profile likelihood, whose doubled logarithm falls by 3.84
+    at its ends, with the other parameters fitted anew. Where it reaches a limit, the measured
+    values give a bound and no value: `Updated.unidentified` states it. It is the stiffness against
+    small vibrations, which says nothing of the stroke on a contact.
 
     Examples
     --------
@@ -515,23 +621,35 @@ def update_stage(
     0.9850 +- 0.0002
     """
     _require(stage, measured, parameters)
+    _require_places(stage, parameters, drives)
     problem = UpdatingProblem(stage, measured, tuple(parameters), model, drives, model_uncertainty)
     x, r, jacobian, steps = most_probable(problem)
     p = len(parameters)
     information = jacobian.T @ jacobian
     covariance: Array = np.linalg.inv(information + np.eye(p)).astype(np.float64)
-    sigma = problem.sigma
+    sigma = problem.slopes(x)
     values = {
-        parameter.name: _estimate(parameter, float(value), covariance, i)
-        for i, (parameter, value) in enumerate(zip(parameters, problem.values(x), strict=True))
+        parameter.name: _estimate(parameter, float(x[i]), covariance, i)
+        for i, parameter in enumerate(parameters)
     }
+    bounds: list[str] = []
+    for parameter in parameters:
+        if parameter.limits is not None:
+            interval = _profile_interval(problem, parameter, x)
+            note = _bound(parameter, interval)
+            bounds += [note] if note else []
+            values[parameter.name] = replace(
+                values[parameter.name],
+                bounds=interval,
+                note=note or values[parameter.name].note,
+            )
     return Updated(
         stage=problem.stage_at(x),
         parameters=tuple(parameters),
         values=values,
         covariance=covariance * np.outer(sigma, sigma),
         learned={q.name: float(1.0 - covariance[i, i]) for i, q in enumerate(parameters)},
-        unidentified=_unidentified(parameters, information),
+        unidentified=(*_unidentified(parameters, information), *bounds),
         rows=_rows(problem, r, jacobian, covariance),
         chi_squared=2.0 * half_square(r, x),
         curvature_error=_curvature_error(problem, x, half_square(r, x), covariance),
@@ -566,17 +684,93 @@ def _require(
         raise ModelError("all modes have one damping ratio: give one parameter of that kind")
 
 
-def _estimate(parameter: UpdateParameter, value: float, covariance: Array, i: int) -> Estimate:
+def _require_places(
+    stage: Stage, parameters: Sequence[UpdateParameter], drives: DriveCondition
+) -> None:
+    for p in parameters:
+        if p.kind == "added_mass":
+            stage.body(p.body)
+        if p.kind != "seat_stiffness":
+            continue
+        if isinstance(stage.drive(p.drive), Force):
+            raise ModelError(f"drive '{p.drive}' is a pure force, which has no seats")
+        if drives != "in place":
+            raise ModelError(
+                f"parameter '{p.name}': a seat changes nothing measured with drives {drives}: "
+                "give drives='in place'"
+            )
+
+
+def _profile_interval(
+    problem: UpdatingProblem, parameter: UpdateParameter, x: Array
+) -> tuple[float, float]:
+    """Return the 95 % interval of a seat by its profile likelihood, within its limits [N/m]."""
+    from scipy.optimize import brentq
+
+    assert parameter.limits is not None
+    rest = tuple(p for p in problem.parameters if p is not parameter)
+    which = problem.parameters.index(parameter)
+    near = {"x": np.delete(x, which)}
+
+    def deviance(log: float) -> float:
+        seated = stage_with(problem.stage, [parameter], {parameter.name: math.exp(log)})
+        there = UpdatingProblem(
+            seated, problem.measured, rest, problem.model, problem.drives, problem.model_uncertainty
+        )
+        if not rest:
+            r = there.residual_or_refused(np.zeros(0))
+            return min(float(r @ r), _IMPOSSIBLE)
+        try:
+            near["x"], r, *_ = most_probable(there, near["x"])
+        except (FlexstageError, np.linalg.LinAlgError):
+            return _IMPOSSIBLE
+        return 2.0 * half_square(r, near["x"])
+
+    limits = [math.log(limit) for limit in parameter.limits]
+    at_limits = [deviance(limit) for limit in limits]
+    value = parameter.value_at(float(x[which]))
+    here = math.log(value)
+    at_here = deviance(here)
+    level = min(*at_limits, at_here) + _LIKELY
+    ends = list(parameter.limits)
+    for i, (limit, at_limit) in enumerate(zip(limits, at_limits, strict=True)):
+        if at_limit > level:
+            inner = here if at_here < level else limits[1 - i]
+            # the root of the deviance is nearly straight there
+            root: Any = brentq(
+                lambda log: math.sqrt(deviance(log)) - math.sqrt(level), limit, inner, xtol=1e-3
+            )
+            ends[i] = math.exp(root)
+    return ends[0], ends[1]
+
+
+def _bound(parameter: UpdateParameter, interval: tuple[float, float]) -> str:
+    """Say in words what is known of a seat whose interval ends at a limit; empty if a value."""
+    limits = parameter.limits
+    assert limits is not None
+    low, high = interval[0] > limits[0], interval[1] < limits[1]
+    if low and high:
+        return ""
+    what = f"the measured values give no value of {parameter.name}"
+    if high:
+        return f"{what}: at most {interval[1]:.3g} N/m (95 %)"
+    if low:
+        return f"{what}: at least {interval[0]:.3g} N/m (95 %)"
+    return f"{what}: all within its limits agrees with them"
+
+
+def _estimate(parameter: UpdateParameter, x: float, covariance: Array, i: int) -> Estimate:
     # C = C (J'J) C + C C: the first part is the noise of the measurement, the second what was
     # known before
     before = float(covariance[i] @ covariance[i])
     gain = max(float(covariance[i, i]) - before, 0.0)
+    spread = parameter.slope_at(x)
     return Estimate(
-        value=value,
+        value=parameter.value_at(x),
         unit=parameter.unit,
         components=(
-            Component(name="measured", uncertainty=parameter.spread * math.sqrt(gain), kind="B"),
-            Component(name="before", uncertainty=parameter.spread * math.sqrt(before), kind="B"),
+            Component(name="measured", uncertainty=spread * math.sqrt(gain), kind="B"),
+            Component(name="before", uncertainty=spread * math.sqrt(before), kind="B"),
         ),
         note="most probable value, posterior spread",
     )

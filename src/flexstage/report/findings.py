@@ -19,6 +19,7 @@ from flexstage.quantities.table import Cell, Table, table
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.tracking import draw_loop
+from flexstage.report.implied_seats import seat_sentences
 from flexstage.report.tables import MANUFACTURE, percent
 from flexstage.studies.measurement import MeasurementComparison
 
@@ -114,7 +115,10 @@ def front_page(study: "Study") -> FrontPage:
         caption=f"The stage: {size_and_mass(study)}. Arrows: drives (orange) and probes (green).",
     )
     return FrontPage(
-        summary=tuple(_split_lead(sentence) for sentence in summary(study)),
+        summary=tuple(
+            _split_lead(sentence)
+            for sentence in (*summary(study), *seat_sentences(study.analyses[best_model(study)]))
+        ),
         table=_main_figures(study),
         drawing=drawing,
         curves=tuple(_curves(study)),

@@ -62,14 +62,13 @@ class BallSeat(Seat):
     @cached_property
     def _ellipse(self) -> tuple[float, float, float]:
         """Mean radius [m] and the factors F1 and F2 of the size and the approach."""
-        from scipy.optimize import brentq
-        from scipy.special import ellipe, ellipk
-
         other = self.radius if self.second_radius is None else self.second_radius
         mean, ratio = math.sqrt(self.radius * other), max(self.radius, other)
         ratio = ratio / min(self.radius, other)
         if ratio < 1.0 + 1e-9:
             return mean, 1.0, 1.0
+        from scipy.optimize import brentq
+        from scipy.special import ellipe, ellipk
 
         def curvature(axes: float) -> float:
             m = 1.0 - axes**-2
