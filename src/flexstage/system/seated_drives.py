@@ -197,7 +197,8 @@ def _force(drive: Drive, compliance: float, free: float) -> float:
         end = least * (1.0 - 1e-12)
         if excess(end) >= 0.0:
             return least
-    root: Any = brentq(excess, *sorted((0.0, end)), xtol=1e-14 * abs(end), rtol=1e-14)
+    low, high = sorted((0.0, end))
+    root: Any = brentq(excess, low, high, xtol=1e-14 * abs(end))
     return float(root)
 
 

@@ -6,6 +6,7 @@ study prints no dimensions: the geometries are reconstructions, see the notes of
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import Any
 
 from flexstage.quantities.characteristic import Characteristic
 from flexstage.quantities.quantity import QUANTITIES
@@ -80,7 +81,8 @@ def _straightness(*, x: tuple[float, float], y: tuple[float, float]) -> Iterator
             ("straightness_out_of_plane", "z", out),
         ):
             note = f"motion error along {along} over the entire stroke in {axis}"
-            yield from _rows(_MEASURED, quantity, **{axis: value}, note=note)
+            by_axis: dict[str, Any] = {axis: value}
+            yield from _rows(_MEASURED, quantity, **by_axis, note=note)
 
 
 _RECONSTRUCTED = (
