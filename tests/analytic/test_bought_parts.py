@@ -92,7 +92,7 @@ def test_keys_beside_the_part_replace_its_own() -> None:
         ("SA050521", (), r"drives\.x\.as: unknown bought part 'SA050521'.*mean 'SA050520'\?"),
         ("SA050520", ("kind: screw",), r"'SA050520' is of kind 'piezo', not 'screw'"),
         ("[1]", (), r"drives\.x\.as: expected a text"),
-        ("SA050520", ("stifness: 3 N/um",), r"unknown key 'stifness'.*did you mean 'stiffness'"),
+        ("SA050520", ("stiffnss: 3 N/um",), r"unknown key 'stiffnss'.*did you mean 'stiffness'"),
     ],
 )
 def test_a_wrong_part_is_refused(name: str, keys: tuple[str, ...], message: str) -> None:
