@@ -91,6 +91,7 @@ def test_one_part_is_known_but_for_the_uncertainty_of_its_mean(tmp_path: Path) -
         (("hinge,measured [um]", "nobody,3"), "'nobody' is missing, or no hinge"),
         (("drawn [um],measured [um]", "250,wide"), "line 2: .*wide"),
         (("drawn,measured", "250,240"), "line 2: "),
+        (("drawn [um],measured [mm]", "250,240"), "line 2: .*check the unit"),
         (("drawn [um],measured [um]", "250,240"), "at least two necks must"),
         (("part,drawn [um],measured [um]", "a,250,240"), "of part 'a' must"),
         (("drawn [um],measured [um]",), "at least two necks must"),
@@ -101,6 +102,13 @@ def test_wrong_tables_are_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(ModelError, match=message):
         read_neck_widths(table(tmp_path, *rows), STAGE)
+
+
+def test_the_scatter_of_necks_is_given_once(tmp_path: Path) -> None:
+    path = table(tmp_path, "drawn [um],measured [um]", "250,240", "250,241")
+    request = ToleranceRequest(widths=str(path), scatter=("neck_own=1 um",))
+    with pytest.raises(ModelError, match="--widths gives the scatter of necks"):
+        ready_tolerance(request, STAGE)
 
 
 def test_a_bias_that_leaves_no_neck_is_refused(tmp_path: Path) -> None:

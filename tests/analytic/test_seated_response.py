@@ -32,6 +32,7 @@ def test_joined_drives_move_as_the_linear_stage() -> None:
     t = np.linspace(0.0, 3e-3, 601)
     w = ramp(t, 1e-3, 20e-6)
     ours = seated_response(joined, system, t, {"x": w})
+    assert not ours.lifted("x")  # a joint that pulls, at a force that does
     exact = time_response(system, t, {"x": w}).readings["x"]
     assert np.max(np.abs(ours.readings["x"] - exact)) < 1e-3 * np.max(np.abs(exact))
 

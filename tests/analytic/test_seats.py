@@ -14,7 +14,7 @@ from scipy.integrate import quad
 from flexstage.base.errors import ModelError, StageError
 from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.lumped import lumped_system
-from flexstage.stage import Stage, read_stage, write_stage
+from flexstage.stage import Force, Stage, read_stage, write_stage
 from flexstage.stage.designs import design
 from flexstage.stage.seat import (
     BallSeat,
@@ -29,6 +29,7 @@ from flexstage.system.analysis import analyse
 from flexstage.system.modes import modes
 from flexstage.system.seated_drives import seat_notes, static_drives
 from flexstage.system.statics import drive_stiffness, static_displacements
+from flexstage.virtual.as_built import platform_stroke
 
 BALL = BallSeat(radius=10e-3, contact_modulus=115.4e9)
 
@@ -224,6 +225,50 @@ def test_a_dynamic_model_moves_by_what_the_preload_spring_leaves() -> None:
     moved = static_drives(sprung, system, {"x": 38e-6}).static.readings["x"]
     response = model.simulate({"x": np.full(3, 120.0)})
     assert response.readings["x"][-1] == pytest.approx(moved, rel=1e-9)
+
+
+def test_drives_that_move_an_axis_together_push_from_both_ends() -> None:
+    """An axis that lengthens one drive shortens another, which begins extended."""
+    rough, held = FlatSeat(roughness_length=0.72e-6), Preload(force=10.0)
+    plain = design("three-rrr")
+    drives = tuple(replace(d, seats=(rough,), preload=held) for d in plain.drives)
+    seated = replace(plain, drives=drives)
+    system = lumped_system(seated)
+    analysis = analyse(seated, system)
+    rows = {(r.quantity, r.axis): r for r in analysis.characteristics}
+    for axis in analysis.axes:
+        # the drive that is pushed with the least force of those that move lifts off last
+        pushes = [abs(f) for f in axis.static.drive_force.values()]
+        lifts = rows["natural_frequency_hz", axis.axis].value * np.sqrt(2.0 + 20.0 / max(pushes))
+        assert rows["lift_off_frequency_hz", axis.axis].value == pytest.approx(lifts)
+        if ("working_displacement", axis.axis) in rows:
+            row = rows["working_displacement", axis.axis]
+            assert 0.5 < row.value / rows["output_displacement", axis.axis].value < 1.0
+            assert " 0.0 N" not in row.note
+    assert ("working_displacement", "theta") not in rows  # which is an angle
+    assert not seat_notes(seated, system)
+    # with a pure force among them there is no stroke on seats, and no error
+    force = Force(
+        largest_force=10.0,
+        **{n: getattr(plain.drives[2], n) for n in ("name", "pushes", "reacts", "at", "direction")},
+    )
+    mixed = replace(seated, drives=(*drives[:2], force))
+    quantities = {r.quantity for r in analyse(mixed, lumped_system(mixed)).characteristics}
+    assert "working_displacement" not in quantities
+
+
+def test_a_preload_spring_raises_the_frequency_of_lift_off() -> None:
+    sprung = stage(BALL, preload=5.0, spring=20e6)
+    system = lumped_system(sprung)
+    x = {r.quantity: r.value for r in analyse(sprung, system).characteristics if r.axis == "x"}
+    force = x["input_stiffness"] * x["input_displacement"]
+    expected = 2.0 * (1.0 + 20e6 / x["input_stiffness"]) + 2.0 * 5.0 / force
+    bare = x["natural_frequency_hz"]
+    assert x["lift_off_frequency_hz"] == pytest.approx(bare * np.sqrt(expected))
+    # the stroke that a model of another program has is the mounted one
+    assert platform_stroke(replace(sprung, published=()), "x") == pytest.approx(
+        x["output_displacement"]
+    )
 
 
 def test_stage_files_keep_seats_and_refuse_what_cannot_be(tmp_path) -> None:

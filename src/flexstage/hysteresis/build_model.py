@@ -109,13 +109,14 @@ def dynamic_model(
     )
     drives = []
     for drive, model_drive in zip(stage.drives, model.drives, strict=True):
-        source, scale = models.get(drive.name), 1.0
-        if drive.stroke:  # a preload spring takes a part of it
-            scale = (drive.mounted.stroke or 0.0) / drive.stroke
+        source = models.get(drive.name)
+        # a preload spring takes a part of the stroke
+        share = (drive.mounted.stroke or 0.0) / drive.stroke if drive.stroke else 1.0
+        scale = share
         if isinstance(drive, PiezoStack) and model_drive.hysteresis is not None:
             if isinstance(source, DriveModel):
                 scale = scale_of(model, drive, source)
-            refuse_stroke(drive, model_drive.hysteresis, scale)
+            refuse_stroke(drive, model_drive.hysteresis, scale / share)
         drives.append(model_drive if scale == 1.0 else _scaled(model_drive, scale))
     linear = [d.name for d in stage.drives if isinstance(d, PiezoStack) and d.name not in models]
     notes = [f"Commands move on straight lines between samples {request.time_step:g} s apart."]

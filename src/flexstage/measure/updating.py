@@ -108,6 +108,10 @@ class UpdateParameter:
                     f"parameter '{self.name}': the stiffness of a seat needs limits, positive and "
                     f"rising, got {self.limits!r}"
                 )
+            if self.expected is not None:
+                raise ModelError(
+                    f"parameter '{self.name}': nothing but its limits is expected of a seat"
+                )
             return
         if self.limits is not None:
             raise ModelError(f"parameter '{self.name}': only the stiffness of a seat has limits")
@@ -498,7 +502,7 @@ class Updated:
     """A stage fitted to measurements."""
 
     stage: Stage
-    """The stage with the fitted necks and material."""
+    """The stage with the fitted parameters."""
     parameters: tuple[UpdateParameter, ...]
     """What was fitted."""
     values: dict[str, Estimate]
@@ -737,9 +741,12 @@ def _profile_interval(
         if at_limit > level:
             inner = here if at_here < level else limits[1 - i]
             # the root of the deviance is nearly straight there
-            root: Any = brentq(
-                lambda log: math.sqrt(deviance(log)) - math.sqrt(level), limit, inner, xtol=1e-3
-            )
+            try:
+                root: Any = brentq(
+                    lambda log: math.sqrt(deviance(log)) - math.sqrt(level), limit, inner, xtol=1e-8
+                )
+            except ValueError:  # another fit at the inner end: nothing is known on this side
+                continue
             ends[i] = math.exp(root)
     return ends[0], ends[1]
 
@@ -789,6 +796,8 @@ def _unidentified(parameters: Sequence[UpdateParameter], information: Array) -> 
         remains = 1.0 / math.sqrt(1.0 + max(float(strength), 0.0))
         what = f"{' '.join(parts)} (in units of their spreads)"
         if len(main) == 1:
+            if parameters[main[0]].kind == "seat_stiffness":
+                continue  # its interval says what is known
             what = parameters[main[0]].name
         notes.append(
             f"the measured values hardly determine {what}: {100.0 * remains:.0f} % of its spread "

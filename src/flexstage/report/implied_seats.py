@@ -36,7 +36,8 @@ def seat_sentences(analysis: "Analysis") -> tuple[str, ...]:
 def _sentence(seat: ImpliedSeat) -> str:
     parts = [
         f"Seat of stack {seat.drive}: measured {seat.measured_hz:.10g} Hz in {seat.axis}, computed "
-        f"{number(seat.bare_hz)} Hz without stack and {number(seat.ideal_hz)} Hz on ideal seats",
+        f"{number(seat.bare_hz)} Hz without its stiffness and {number(seat.ideal_hz)} Hz on ideal "
+        "seats",
         _stiffness(seat),
     ]
     if seat.least_stroke_stiffness is not None:
@@ -47,7 +48,7 @@ def _sentence(seat: ImpliedSeat) -> str:
         low, high = (number(pick(seat.closed_hz.values()), 3) for pick in (min, max))
         parts.append(
             f"the frequency at half stroke decides: {low} to {high} Hz in contact, "
-            f"{number(seat.bare_hz, 3)} Hz without stack"
+            f"{number(seat.bare_hz, 3)} Hz without"
         )
     return f"{'; '.join(parts)}."
 
@@ -58,6 +59,8 @@ def _newtons(stiffness: float) -> str:
 
 def _stiffness(seat: ImpliedSeat) -> str:
     low, high = seat.seat_interval
+    if high == float("inf") and (seat.seat_stiffness is None or low == 0.0):
+        return "that says nothing of its seat"
     if seat.seat_stiffness is None:
         return f"that implies a linear seat of at most {_newtons(high)} (95 %)"
     if seat.measured_hz >= seat.ideal_hz:

@@ -75,11 +75,17 @@ def _supply_table(supplies: dict[str, StackSupply]) -> Table:
         warm = (*((s.heat,) if heat else ()), *((s.temperature_rise,) if rise else ()))
         rows.append((name, *map(number, figures), s.limited_by, *(number(w or 0.0) for w in warm)))
     heads = (*_SUPPLY, *(("heat, W",) if heat else ()), *(("rise, K",) if rise else ()))
-    some = next(iter(supplies.values()))
-    slew = "" if math.isinf(some.largest_slew) else f" and {1e-3 * some.largest_slew:g} V/ms"
-    limits = f"amplifier of {1e3 * some.largest_current:g} mA{slew}"
+    each = {name: _limits(supply) for name, supply in supplies.items()}
+    limits = next(iter(each.values()))
+    if len(set(each.values())) > 1:
+        limits = ", ".join(f"{name} {words}" for name, words in each.items())
     note = f"Largest rate at this voltage, and largest voltage at this rate: {limits}."
     return table("supply of each stack, a sine from peak to peak", heads, rows, notes=[note])
+
+
+def _limits(supply: StackSupply) -> str:
+    slew = "" if math.isinf(supply.largest_slew) else f" and {1e-3 * supply.largest_slew:g} V/ms"
+    return f"amplifier of {1e3 * supply.largest_current:g} mA{slew}"
 
 
 def stack_section(study: "Study") -> Iterator[Content]:
@@ -107,6 +113,6 @@ def stack_section(study: "Study") -> Iterator[Content]:
     for each in stack_tables(stacks):
         yield replace(each, caption=each.caption.capitalize())
     yield (
-        "The supply is that of a capacitor, at the natural frequency of the axis as an upper bound "
-        "of the rate; at the resonance itself the current of the motion adds to it."
+        "The supply is that of a capacitor. The natural frequency of the axis, drives in place, is "
+        "an upper bound of the rate; at the resonance the current of the motion adds to it."
     )

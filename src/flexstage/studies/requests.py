@@ -89,7 +89,8 @@ class StackOptions(Request):
     def __post_init__(self) -> None:
         super(StackOptions, self).__post_init__()
         rate = self.rate
-        if not (rate is None or rate == "natural" or (isinstance(rate, float) and rate > 0.0)):
+        is_number = isinstance(rate, int | float) and not isinstance(rate, bool)
+        if not (rate is None or rate == "natural" or (is_number and rate > 0.0)):
             raise ModelError(f"rate must be a frequency above 0, or natural, got '{rate}'")
 
 

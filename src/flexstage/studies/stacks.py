@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexstage.base.errors import ModelError
-from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage.assumptions import AMPLIFIER_CURRENT, VOLTAGE_RANGE
 from flexstage.stage.drive import PiezoStack
 from flexstage.stage.stack_supply import StackSupply
 from flexstage.studies.requests import StackOptions
 from flexstage.system import Analysis
+from flexstage.system.characteristics import axis_mode
 from flexstage.system.working_line import WorkingLine, working_lines
 
 
@@ -75,15 +75,17 @@ def stack_supply(drive: PiezoStack, rate: float, options: StackOptions) -> Stack
 
 
 def _rate(analysis: Analysis, line: WorkingLine, options: StackOptions) -> float:
-    """Return the rate: that given, or the lowest natural frequency of the axes of a stack."""
-    if isinstance(options.rate, float):
-        return options.rate
-    rows = Characteristics(analysis.characteristics)
-    axes = [a.axis for a in analysis.axes if line.drive.name in a.drives]
-    for quantity in ("natural_frequency_with_stack_hz", "natural_frequency_hz"):
-        values = [r.value for r in rows if r.quantity == quantity and r.axis in axes]
-        if values:
-            return float(min(values))
+    """Return the rate: that given, or the lowest frequency of its axes with the drives in place."""
+    if isinstance(options.rate, int | float):
+        return float(options.rate)
+    modes = analysis.modes["in place"]
+    frequencies = [
+        float(modes.frequency_hz[axis_mode(analysis.system, modes, a.static.drive_force, a.probe)])
+        for a in analysis.axes
+        if line.drive.name in a.drives
+    ]
+    if frequencies:
+        return min(frequencies)
     raise ModelError(
         f"the stack '{line.drive.name}' drives no axis with a natural frequency: give --rate in Hz"
     )

@@ -13,7 +13,7 @@ from flexstage.base.errors import ModelError
 from flexstage.quantities.characteristic import WHOLE_STAGE, Characteristic
 from flexstage.quantities.material import Material
 from flexstage.quantities.quantity import QUANTITIES, number
-from flexstage.stage import PiezoStack, Stage, mass_properties
+from flexstage.stage import Force, PiezoStack, Stage, mass_properties
 from flexstage.stage.mass import outer_size
 from flexstage.system.coupled_axes import MOST_DRIVES, CoupledAxes, coupled_axes
 from flexstage.system.figure_source import AxisMeasures, axis_figures, axis_quantity, stress_figures
@@ -291,34 +291,41 @@ def _on_seats(
     r"""Yield what the drives of an axis do on their seats, where they have any.
 
     A drive that moves as a sine over its stroke, without pulling, lifts off at
-    :math:`f_0\sqrt{2 + F_0/(k_{in} A)}`, with the natural frequency f0 without drives, the preload
-    F0, the input stiffness and half the stroke A.
+    :math:`f_0\sqrt{2 (1 + k_0/k_{in}) + F_0/(k_{in} A)}`, with the natural frequency f0 without
+    drives, the preload F0, its spring k0, the input stiffness and half the stroke A.
     """
     drives = [d for d in stage.drives if d.name in axis.drives]
-    if not any(d.seats or d.preload for d in drives):
+    if not any(d.seats or d.preload for d in drives) or any(isinstance(d, Force) for d in drives):
         return
-    # an elongation of the analysis is that of the drive with its preload spring
-    strokes = {
-        d.name: axis.drives[d.name] * (d.stroke or 0.0) / (system.drive(d.name).stroke or math.inf)
-        for d in drives
-    }
-    state = static_drives(stage, system, strokes)
-    pressing = ", ".join(f"{state.drives[name].contact_force:.1f} N" for name in strokes)
-    yield (
-        "working_displacement",
-        state.static.readings[axis.probe],
-        f"drives on their seats, contact force {pressing}",
-    )
-    preloads = [
-        d.preload.force * abs(axis.drives[d.name]) for d in drives if d.preload and not d.pulls
-    ]
-    if len(drives) == len(preloads):
-        energy = axis.input_stiffness * axis.input_displacement**2
-        yield (
-            "lift_off_frequency_hz",
-            bare_hz * math.sqrt(2.0 + 2.0 * min(preloads) / energy),
-            "of a sine over the whole stroke, one mode",
+    if system.probe(axis.probe).unit == "m":
+        # an elongation of the analysis is that of the drive with its preload spring; one that
+        # shortens begins extended
+        strokes = {
+            d.name: axis.drives[d.name]
+            * (d.stroke or 0.0)
+            / (system.drive(d.name).stroke or math.inf)
+            for d in drives
+        }
+        begin, end = (
+            static_drives(stage, system, {n: max(sign * w, 0.0) for n, w in strokes.items()})
+            for sign in (-1.0, 1.0)
         )
+        forces = (max(s.drives[n].contact_force for s in (begin, end)) for n in strokes)
+        pressing = ", ".join(f"{force:.1f} N" for force in forces)
+        yield (
+            "working_displacement",
+            end.static.readings[axis.probe] - begin.static.readings[axis.probe],
+            f"drives on their seats, contact force up to {pressing}",
+        )
+    ratios = []
+    for drive in drives:
+        force = abs(axis.static.drive_force[drive.name])
+        if drive.preload and not drive.pulls and force > 0.0:
+            spring = drive.preload.spring_stiffness * abs(axis.drives[drive.name])
+            ratios.append(2.0 * (1.0 + spring / force) + 2.0 * drive.preload.force / force)
+    if ratios:
+        lifts = bare_hz * math.sqrt(min(ratios))
+        yield "lift_off_frequency_hz", lifts, "of a sine over the whole stroke, one mode"
 
 
 def _over(coupled: CoupledAxes | None) -> str:

@@ -114,26 +114,24 @@ def static_drives(
 
 
 def seat_notes(stage: Stage, system: MechanicalSystem) -> tuple[str, ...]:
-    """Return what a linear model of drives on their seats leaves out, for each axis."""
+    """Return what a linear model of a drive on its seats leaves out, for axes with one drive."""
     notes = []
     for axis in system.axes:
-        drives = [stage.drive(name) for name in axis.drives]
-        if all(d.pulls for d in drives):
+        drive = stage.drive(axis.drives[0])
+        if len(axis.drives) > 1 or drive.pulls:  # coupled drives do not move over their strokes
             continue
-        strokes = {d.name: d.stroke or 0.0 for d in drives}
-        reading = static_drives(stage, system, strokes).static.readings[axis.probe]
+        probe, port = system.probe(axis.probe), system.drive(drive.name)
+        state = static_drives(stage, system, {drive.name: drive.stroke or 0.0})
+        reading = state.static.readings[axis.probe]
         added, constraints = system.drive_springs("in place")
-        push = np.zeros(system.order)
-        for name in strokes:
-            port = system.drive(name)
-            push += (port.stiffness or 0.0) * (port.stroke or 0.0) * port.vector
+        push = (port.stiffness or 0.0) * (port.stroke or 0.0) * port.vector
         q, _ = solve_stiffness(system.K + added, push[:, None], constraints)
-        linear = float(system.probe(axis.probe).vector @ q[:, 0])
+        linear = float(probe.vector @ q[:, 0])
         if abs(linear - reading) > _NOTABLE * abs(reading):
             notes.append(
-                f"axis '{axis.name}': the drives have the stiffness of their seats at the preload; "
-                f"over the stroke this moves the probe by {readable('m', linear)}, the law of the "
-                f"contacts by {readable('m', reading)}"
+                f"axis '{axis.name}': the drive has the stiffness of its seats at the preload; "
+                f"over the stroke this moves the probe by {readable(probe.unit, linear)}, the law "
+                f"of the contacts by {readable(probe.unit, reading)}"
             )
     return tuple(notes)
 

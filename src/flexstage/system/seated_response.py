@@ -29,13 +29,17 @@ class SeatedResponse:
     readings: Mapping[str, Array]
     """Reading of each probe [m, or rad], shape (n,)."""
     contact_force: Mapping[str, Array]
-    """Pressing force on the seats of each drive [N], shape (n,); 0 where it has lifted off."""
+    """Pressing force on the seats of each drive [N], shape (n,); of a drive that only presses 0
+    where it has lifted off.
+    """
+    presses: frozenset[str]
+    """Drives that only press."""
 
     __repr__ = short_repr
 
     def lifted(self, drive: str) -> bool:
         """Return whether a seat of a drive lifts off."""
-        return bool(np.any(self.contact_force[drive] <= 0.0))
+        return drive in self.presses and bool(np.any(self.contact_force[drive] <= 0.0))
 
 
 def seated_response(
@@ -124,6 +128,7 @@ def seated_response(
     preload = [d.preload.force if d.preload else 0.0 for d in drives]
     return SeatedResponse(
         time=t,
+        presses=frozenset(d.name for d in drives if not d.pulls),
         readings={p.name: q @ p.vector for p in system.probes},
         contact_force={
             d.name: f + f0 for d, f, f0 in zip(drives, pressing.T, preload, strict=True)

@@ -262,7 +262,7 @@ def _axis(
         width = published.get("hysteresis_loop_width")
         share = LOOP_WIDTH if width is None else width / stroke
         hysteresis = virtual_stack(commands, stroke, share, plays=FINE_PLAYS)
-    step = drive.smallest_displacement
+    step = drive.mounted.smallest_displacement
     axis = AsBuiltAxis(
         name=state.axis,
         command_range=commands,
@@ -346,7 +346,7 @@ def platform_stroke(stage: Stage, axis: str) -> float | None:
     published = measured_value(stage.published, "output_displacement", axis)
     port = stage.axis(axis)
     drive = stage.drive_of(axis)
-    stroke = drive.stroke
+    stroke = drive.mounted.stroke
     if published is not None or stroke is None:
         return published
     from flexstage.lumped import lumped_system

@@ -1,5 +1,6 @@
 """Structural diagram of a stage, from the equations of its bodies and hinges."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -86,6 +87,10 @@ def stage_diagram(
     """
     method, plane = _hinge_choice(model)
     system = lumped_system(stage, method=method, plane=plane)
+    heavy = [d.name for d in system.drives if d.mass]
+    # the bodies of the diagram are those of the stage
+    bare = tuple(replace(d, mass=0.0, ends=None) for d in system.drives)
+    system = replace(system, drives=bare)
     if model is None:
         model = dynamic_model(stage, system)
     system = system.with_damping(model.system.damping)
@@ -93,6 +98,8 @@ def stage_diagram(
     rayleigh = fitted_damping(system) if damping is None else damping
     springs = drive_springs(system)
     notes = _notes(system, rayleigh, springs)
+    if heavy:
+        notes = (*notes, f"The masses of the drives {', '.join(heavy)} are not in the diagram.")
     if axis is not None:
         return _axis(parts, system, model, axis, springs, rayleigh)
     return whole_stage(

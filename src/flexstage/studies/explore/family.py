@@ -94,8 +94,10 @@ def _stroke_left(stage: Stage, forces: Forces) -> Mapping[str, float]:
                 continue
             # the preload spring is bent by the elongation, as the stage is
             spring = drive.preload.spring_stiffness if drive.preload else 0.0
-            lost = drive.compression(force + spring * length)
-            share = length / (length + lost) if length + lost else math.inf
+            # where other drives move the axis too, one that shortens begins extended
+            size = abs(length)
+            lost = drive.compression(abs(force) + spring * size)
+            share = size / (size + lost)
             shares[axis] = min(shares.get(axis, math.inf), share)
     return shares
 

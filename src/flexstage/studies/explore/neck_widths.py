@@ -113,7 +113,10 @@ def read_neck_widths(path: Path, stage: Stage) -> NeckWidths:
     ModelError
         A column or a value is missing, or fewer than two necks of each part were measured.
     """
-    rows = list(csv.reader(read_text(path, "table of necks", ModelError).splitlines()))
+    try:
+        rows = list(csv.reader(read_text(path, "table of necks", ModelError).splitlines()))
+    except csv.Error as error:
+        raise ModelError(f"{path}: no table with commas: {error}") from None
     heads = [re.fullmatch(r"\s*(\w+)\s*(?:\[(.+)\])?\s*", head) for head in (rows or [[]])[0]]
     names = [head[1].lower() if head else "" for head in heads]
     if "measured" not in names or not {"drawn", "hinge"} & set(names):
@@ -137,6 +140,11 @@ def read_neck_widths(path: Path, stage: Stage) -> NeckWidths:
             ) from None
         except FlexstageError as error:
             raise ModelError(f"{path}, line {number}: {error}") from error
+        if not 0.0 < measured < 2.0 * nominal:
+            raise ModelError(
+                f"{path}, line {number}: a measured neck of {readable('m', measured)} where "
+                f"{readable('m', nominal)} are drawn: check the unit"
+            )
         parts[texts.get("part", "")].append(measured - nominal)
     for name, values in (parts or {"": []}).items():
         if len(values) < 2:

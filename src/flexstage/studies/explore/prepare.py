@@ -209,6 +209,9 @@ def ready_tolerance(
         raise ModelError("--follow-necks needs a --model other than lumped")
     process, measured = scatter_of(request.scatter), None
     if request.widths is not None:
+        names = {text.partition("=")[0].strip() for text in request.scatter}
+        if both := sorted(names & {"neck_common", "neck_own"}):
+            raise ModelError(f"--widths gives the scatter of necks: omit --scatter {both[0]}=…")
         measured = read_neck_widths(Path(request.widths), stage)
         stage, process = measured.applied(stage, process)
     weights = {name: _weight(name, text) for name, text in _pairs(request.cost, "--cost")}

@@ -160,7 +160,8 @@ def _stiffest(stage: Stage, axis: str) -> float | None:
     if name is None:
         return None
     drive = stage.drive(name)
-    limits = [drive.spring] if drive.spring else []
+    chain = drive.tangent(drive.preload.force if drive.preload else 0.0)
+    limits = [chain] if chain else []
     if isinstance(drive, PiezoStack) and drive.blocking_force is not None:
         limits.append(drive.blocking_force / drive.free_stroke)
     return min(limits, default=None)
