@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from flexstage.hysteresis.identification.fit_rows import averaged
-from flexstage.hysteresis.identification.history import without_history
-from flexstage.hysteresis.identification.measurement import measurement
+from flexstage.hysteresis.identification.measurement import measurement, without_history
 from flexstage.records import Channel, Record
 
 DT = 1.0 / 7000.0

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from flexstage.hysteresis.identification.history import without_history
+from flexstage.hysteresis.identification.faults import denoised
 from flexstage.hysteresis.identification.identify import identify
-from flexstage.hysteresis.identification.input_noise import denoised
-from flexstage.hysteresis.identification.measurement import measurement
+from flexstage.hysteresis.identification.measurement import measurement, without_history
 from flexstage.records import Channel, Record
 
 RATE = 200.0

@@ -13,14 +13,14 @@ from flexstage.hysteresis import Dahl, PrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
+from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
 from flexstage.hysteresis.identification.cycles import cycles
-from flexstage.hysteresis.identification.faults import without_spikes
+from flexstage.hysteresis.identification.faults import butterfly, range_end, without_spikes
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.model_fit import fit_data
-from flexstage.hysteresis.identification.range_end import butterfly, range_end
-from flexstage.hysteresis.identification.record_changes import record_changes
+from flexstage.hysteresis.identification.quality_report import misrecorded
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
 
@@ -311,9 +311,9 @@ def test_no_model_fits_a_butterfly():
 
 
 def shifts(*records, chain=CHAIN):
-    """Changes within records, by a chain that may be wrong."""
+    """Baseline shifts of records, by a chain that may be wrong."""
     m = measurement([record(u, y) for u, y in records], "u", "y")
-    return record_changes(fit_data(m, chain))
+    return baseline_shifts(fit_data(m, chain))
 
 
 def jumped(place, share, u=U, y=CLEAN):
@@ -466,7 +466,7 @@ def wandering(size=3000, seed=2, widths=(10.0, 80.0), small=1.0):
 
 
 def misrecordings(u, y, chain=CHAIN):
-    return [f for f in shifts((u, y), chain=chain) if f.kind in ("shift", "gain")]
+    return misrecorded(fit_data(measurement([record(u, y)], "u", "y"), chain))
 
 
 @pytest.mark.parametrize("late", [-1.0, -0.3, 0.35, 1.0])

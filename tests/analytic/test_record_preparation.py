@@ -13,9 +13,11 @@ from flexstage.hysteresis.identification.cycles import (
     unknown_history_warning,
 )
 from flexstage.hysteresis.identification.fit_rows import ChainValues
-from flexstage.hysteresis.identification.history import without_history
 from flexstage.hysteresis.identification.identify import identify
-from flexstage.hysteresis.identification.measurement import measurement
+from flexstage.hysteresis.identification.measurement import (
+    measurement,
+    without_history,
+)
 from flexstage.hysteresis.identification.model_fit import fit_data
 from flexstage.hysteresis.identification.residuals import residuals
 from flexstage.records import Channel, Record

@@ -26,10 +26,9 @@ from flexstage.hysteresis.identification.cycles import (
     unknown_history_warning,
     warm_up,
 )
-from flexstage.hysteresis.identification.input_noise import denoised, input_noise_warning
-from flexstage.hysteresis.identification.period import RecordEnds
+from flexstage.hysteresis.identification.faults import denoised, input_noise_warning
+from flexstage.hysteresis.identification.measurement import RecordEnds, require_usable
 from flexstage.hysteresis.identification.residuals import root_mean_square
-from flexstage.hysteresis.identification.suitability import require_usable
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.model_file import ModelFile, read_model_file
 from flexstage.hysteresis.requests import PredictRequest, earlier_files, require_after

@@ -22,8 +22,11 @@ from flexstage.hysteresis.identification.fit_rows import (
     filtered_samples,
     rows_of,
 )
-from flexstage.hysteresis.identification.history import with_history, without_history
-from flexstage.hysteresis.identification.measurement import IdentificationData
+from flexstage.hysteresis.identification.measurement import (
+    IdentificationData,
+    with_history,
+    without_history,
+)
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     behind_chain,

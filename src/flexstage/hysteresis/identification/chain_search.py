@@ -15,9 +15,12 @@ from flexstage.hysteresis.chain.creep import Start
 from flexstage.hysteresis.identification.chain_residual import ChainResidual
 from flexstage.hysteresis.identification.cycles import RecordSection, memories
 from flexstage.hysteresis.identification.fit_rows import ChainValues
-from flexstage.hysteresis.identification.history import with_history, without_history
 from flexstage.hysteresis.identification.jump_response import jump_response
-from flexstage.hysteresis.identification.measurement import IdentificationData
+from flexstage.hysteresis.identification.measurement import (
+    IdentificationData,
+    with_history,
+    without_history,
+)
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     behind_chain,

@@ -1,6 +1,5 @@
 """Cycles of a drive signal: turning points, rates, minor loops, warm-up; one record with them."""
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -170,34 +169,40 @@ def memories(ends: tuple[float, float], first: float) -> dict[str, Array]:
     }
 
 
+def _differ(first: float, second: float) -> bool:
+    return max(first, second) > _THRESHOLDS.other_rate * min(first, second)
+
+
 def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.intp]]]:
     """Return the rates of cycles, each with the cycles that belong to it.
 
     The swing is a share of the full range. Cycles with the frequency or the speed of large ones
     belong to their rate [Hz]; turns in a transition between two motions belong to none.
     """
-    large, left = swing > 0.5, np.ones(swing.size, dtype=bool)
     speed = frequency_hz * swing
-    rates: list[tuple[float, NDArray[np.intp]]] = []
     # large cycles define the rates, the largest first
-    for i in sorted(np.flatnonzero(large), key=lambda i: (-swing[i].round(1), frequency_hz[i])):
-        if left[i]:
-            same = left & (_similar(frequency_hz, frequency_hz[i]) | _similar(speed, speed[i]))
-            left &= ~same
-            rates.append((float(frequency_hz[i]), np.flatnonzero(same)))
-    total = sum(float(np.sum(1.0 / frequency_hz[m[large[m]]])) for _, m in rates)
-
-    def matters(members: NDArray[np.intp]) -> bool:
-        periods = 1.0 / frequency_hz[members[large[members]]]
-        many = periods.size >= _THRESHOLDS.rate_cycles
-        return many or float(np.sum(periods)) >= _THRESHOLDS.rate_time * total
-
-    return [(rate, members) for rate, members in rates if matters(members)]
-
-
-def _similar(values: Array, value: float) -> NDArray[np.bool_]:
-    """Mark values that are not of another rate than one of them."""
-    return np.maximum(values, value) <= _THRESHOLDS.other_rate * np.minimum(values, value)
+    order = sorted(np.flatnonzero(swing > 0.5), key=lambda i: (-swing[i].round(1), frequency_hz[i]))
+    groups: list[tuple[int, list[int]]] = []
+    for i in map(int, (*order, *np.flatnonzero(swing <= 0.5))):
+        same = (
+            members
+            for first, members in groups
+            if not (
+                _differ(frequency_hz[i], frequency_hz[first]) and _differ(speed[i], speed[first])
+            )
+        )
+        group = next(same, None)
+        if group is not None:
+            group.append(i)
+        elif swing[i] > 0.5:
+            groups.append((i, [i]))
+    time = [sum(1.0 / frequency_hz[i] for i in members if swing[i] > 0.5) for _, members in groups]
+    many = [sum(swing[i] > 0.5 for i in members) for _, members in groups]
+    return [
+        (float(frequency_hz[first]), np.sort(members))
+        for (first, members), t, n in zip(groups, time, many, strict=True)
+        if n >= _THRESHOLDS.rate_cycles or t >= _THRESHOLDS.rate_time * sum(time)
+    ]
 
 
 @compiled
@@ -268,19 +273,21 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0, *, period: bool = Fals
     noise = input_noise(u)
     least = _THRESHOLDS.noise_swing * max(noise, noise_taken)
     turning = turning_points(u, max(_THRESHOLDS.swing * (high - low), least))
-    falls = turning.size > 0 and u[turning[0]] > u[turning[1] if turning.size > 1 else 0]
-    bounds = turning[int(falls) :: 2]
+    lower = turning[1:] if turning.size and _is_high(u, turning) else turning
+    bounds = lower[::2]
     if period or bounds.size < _THRESHOLDS.few:
-        low_end = low + _THRESHOLDS.low_end * (high - low)
-        ends = [k for k in (0, u.size - 1) if u[k] <= low_end]
-        bounds = np.union1d(bounds, np.array(ends, dtype=np.intp))
-    parts = [u[a : b + 1] for a, b in itertools.pairwise(bounds.tolist())]
+        bounds = _with_ends(u, bounds, low + _THRESHOLDS.low_end * (high - low))
+    count = max(bounds.size - 1, 0)
+    swing, frequency = np.zeros(count), np.zeros(count)
+    for i in range(count):
+        part = u[bounds[i] : bounds[i + 1] + 1]
+        size = float(np.ptp(part))
+        swing[i] = size / (high - low)
+        frequency[i] = 1.0 / (dt * _moving_time(part, noise))
+    if period:
+        turning = np.append(0, turning)
     return Cycles(
-        bounds=bounds,
-        swing=np.array([float(np.ptp(part)) / (high - low) for part in parts]),
-        frequency_hz=np.array([1.0 / (dt * _moving_time(part, noise)) for part in parts]),
-        turning=np.append(0, turning) if period else turning,
-        range=(low, high),
+        bounds=bounds, swing=swing, frequency_hz=frequency, turning=turning, range=(low, high)
     )
 
 
@@ -324,6 +331,20 @@ def _moving_time(part: Array, noise: float) -> float:
     between = np.diff(np.concatenate(([-1], moving, [max(moving[-1], steps.size - 1)])))
     usual = max(float(np.median(between)), 1.0)
     return float(np.sum(np.where(between > _THRESHOLDS.wait * usual, usual, between)))
+
+
+def _with_ends(u: Array, bounds: NDArray[np.intp], at_most: float) -> NDArray[np.intp]:
+    """Add low ends of a short record to its lower turning points."""
+    first = [0] if u[0] <= at_most else []
+    last = [u.size - 1] if u[-1] <= at_most else []
+    inner = [int(b) for b in bounds if 0 < b < u.size - 1]
+    return np.array([*first, *inner, *last], dtype=np.intp)
+
+
+def _is_high(u: Array, turning: NDArray[np.intp]) -> bool:
+    if turning.size == 1:
+        return bool(u[turning[0]] > u[0])
+    return bool(u[turning[0]] > u[turning[1]])
 
 
 def first_moving(u: Array) -> int:

@@ -12,7 +12,10 @@ from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.identification.cycles import RecordSection
-from flexstage.hysteresis.identification.history import with_history, without_history
+from flexstage.hysteresis.identification.measurement import (
+    with_history,
+    without_history,
+)
 from flexstage.hysteresis.model import checked
 from flexstage.records.quality import difference_noise
 

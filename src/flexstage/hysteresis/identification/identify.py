@@ -29,8 +29,11 @@ from flexstage.hysteresis.identification.fit_rows import (
     filtered_samples,
     rows_of,
 )
-from flexstage.hysteresis.identification.history import without_history
-from flexstage.hysteresis.identification.measurement import IdentificationData, measurement
+from flexstage.hysteresis.identification.measurement import (
+    IdentificationData,
+    measurement,
+    without_history,
+)
 from flexstage.hysteresis.identification.model_choice import (
     Candidate,
     FittedModel,

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.cycles import RecordSection
-from flexstage.hysteresis.identification.history import without_history
+from flexstage.hysteresis.identification.measurement import without_history
 
 #: Lowest frequency of an excitation of a resonance, over the rate of the fastest cycle.
 _ABOVE = 5.0
