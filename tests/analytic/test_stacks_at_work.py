@@ -159,9 +159,9 @@ def test_charge_control_is_voltage_control_below_its_corner() -> None:
 def test_the_rate_may_be_that_of_the_axis() -> None:
     analysis = analyse(STAGE, lumped_system(STAGE))
     stacks = stacks_at_work(analysis, StackOptions(rate="natural"))
-    rows = [r for r in analysis.characteristics if r.quantity == "natural_frequency_hz"]
     rates = [s.supply.rate for s in stacks if s.supply]
-    assert rates == pytest.approx([r.value for r in rows])
+    # with the drives in place, also where a measured frequency was published
+    assert rates == pytest.approx([910.33, 2288.19], rel=1e-4)
     # the capacitance of the amplifier's load replaces that of the stack
     options = StackOptions(rate=50.0, amplifier=replace(StackOptions().amplifier, capacitance=1e-5))
     supply = stacks_at_work(analysis, options)[0].supply

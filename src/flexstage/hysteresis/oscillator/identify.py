@@ -19,11 +19,12 @@ from flexstage.hysteresis.oscillator.model import (
 )
 from flexstage.hysteresis.oscillator.model_file import OscillatorModel
 from flexstage.hysteresis.oscillator.start import EquationError
-from flexstage.hysteresis.oscillator.steps import advance, runge_kutta
+from flexstage.hysteresis.oscillator.steps import advance_each
 from flexstage.records.record import Record
 
-#: Error of a step within the search: 1e-11 of the motion, 1e5 times less than the differences that
-#: the derivatives are taken from, and far below any sensor.
+#: Series within the search: 1e-11 of the motion, 1e5 times less than the differences that the
+#: derivatives are taken from, and far below any sensor.
+ORDER = 13
 TOLERANCE = 1e-11
 #: Step of the differences, in parts of the scale of each unknown.
 DIFFERENCE = 1e-6
@@ -174,27 +175,29 @@ class _Problem:
         full[self.free] = x * self.scale
         return full
 
-    def error(self, full: Array) -> Array:
-        """Return the error of a simulation in parts of the displacement; NaN where it diverges."""
-        self.evaluations += 1
-        motion = np.empty((self.displacement.size, 3))
-        numbers = full[:7], full[7:10], TOLERANCE, runge_kutta()
-        done = advance(self.pieces, 1.0 / self.rate, *numbers, motion)
-        motion[done:] = np.nan
-        return (motion[:, 0] + full[10] - self.displacement) / self.size
+    def simulate(self, full: Array) -> Array:
+        """Return the errors of many simulations in parts of the displacement, shape (m, n)."""
+        self.evaluations += len(full)
+        motion = np.empty((len(full), self.displacement.size))
+        # contiguous whatever their number: for other layouts all is compiled again
+        parameters, initial, offset = map(np.ascontiguousarray, np.hsplit(full, [7, 10]))
+        advance_each(self.pieces, 1.0 / self.rate, parameters, initial, ORDER, TOLERANCE, motion)
+        motion += offset - self.displacement
+        motion /= self.size
+        return motion
 
     def residual(self, x: Array) -> Array:
         """Return the error of the simulation; not finite where there is no such oscillator."""
         full = self.unknowns(x)
         if full[0] <= 0.0 or full[3] <= 0.0 or full[6] <= 0.0:
             return np.full(self.displacement.size, np.inf)
-        return self.error(full)
+        return self.simulate(full[None, :])[0]
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives of the error by forward differences."""
-        here = self.error(self.unknowns(x))
-        errors = [self.error(self.unknowns(x + DIFFERENCE * e)) for e in np.eye(x.size)]
-        return (np.array(errors) - here).T / DIFFERENCE
+        rows = np.array([self.unknowns(x + DIFFERENCE * e) for e in np.eye(x.size)])
+        errors = self.simulate(np.vstack([self.unknowns(x), rows]))
+        return (errors[1:] - errors[0]).T / DIFFERENCE
 
     def solve(self) -> OscillatorFit:
         """Minimise the error."""

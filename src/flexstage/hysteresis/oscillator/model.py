@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.model import Array, samples
-from flexstage.hysteresis.oscillator.steps import advance, runge_kutta
+from flexstage.hysteresis.oscillator.steps import advance
 
 #: How an input moves between its samples.
 Interpolation = Literal["band-limited", "periodic", "linear"]
@@ -21,8 +21,10 @@ COEFFICIENTS = 14
 REACH = 32
 #: Shape of the Kaiser window. With 64 samples, -150 dB for all that is below 0.42 of the rate.
 KAISER = 16.0
-#: Largest error of a step, in parts of the motion.
-TOLERANCE = 1e-17
+#: Degree of the Taylor series of a step.
+ORDER = 16
+#: Largest last term of a series, in parts of the sum of its first five.
+TOLERANCE = 1e-15
 
 
 def input_pieces(u: Array, interpolation: Interpolation) -> Array:
@@ -138,9 +140,11 @@ class BoucWenOscillator:
     the force grows without bound with the displacement (the benchmark is of this kind), and a
     motion outside of the range of identification may diverge.
 
-    Steps are those of a Runge–Kutta method of order 8 whose error is at most 1e-17 of the motion;
-    one ends where y' or z changes its sign, as the right side has a corner there. So what remains
-    is rounding, and the question what the input does between its samples.
+    A step is a Taylor series in time, whose terms follow one from another because the right side is
+    a polynomial (Jorba and Zou, Exp. Math. 14, 2005). It ends where y' or z changes its sign, at
+    the zero of that series, as the right side has a corner there. Where nu is not 1 or 2, steps
+    shrink towards z = 0, where a power has no series. So what remains is rounding, and the question
+    what the input does between its samples.
 
     Examples
     --------
@@ -204,8 +208,9 @@ class BoucWenOscillator:
         pieces = prepared_input(force, sample_rate_hz, interpolation)
         start = _initial(initial)
         motion = np.empty((force.size, 3))
-        numbers = parameter_row(self), start, TOLERANCE, runge_kutta()
-        done = advance(pieces, 1.0 / sample_rate_hz, *numbers, motion)
+        done = advance(
+            pieces, 1.0 / sample_rate_hz, parameter_row(self), start, ORDER, TOLERANCE, motion
+        )
         if done < force.size:
             raise ModelError(
                 f"the motion diverges after sample {done - 1} of {force.size}: there is no "

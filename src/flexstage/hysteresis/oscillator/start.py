@@ -5,9 +5,8 @@ import math
 import numpy as np
 
 from flexstage.base.errors import ConvergenceError
+from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.models.bouc_wen_common import classical_law
-from flexstage.hysteresis.models.bouc_wen_steps import simulate_samples
 from flexstage.hysteresis.oscillator.model import BoucWenOscillator
 
 #: Where the search begins, in parts of 1 / (twice the standard deviation of the displacement).
@@ -70,8 +69,9 @@ class EquationError:
 
         x is beta gamma and beta delta, in parts of the unit of this record.
         """
+        hysteretic = np.empty(self.displacement.size)
         scaled = x * self.scale
-        hysteretic = force_of_motion(self.displacement, scaled[0], scaled[1], self.exponent)
+        force_of_motion(self.displacement, scaled[0], scaled[1], self.exponent, hysteretic)
         size = float(np.sqrt(np.mean(self.target**2))) * math.sqrt(self.target.size)
         if not np.all(np.abs(hysteretic) < 1e3 / self.unit):
             return np.zeros(0), np.full(self.target.size, 10.0 / math.sqrt(self.target.size))
@@ -135,15 +135,29 @@ def _low_pass(displacement: Array, omega: Array) -> Array:
     return 0.5 + 0.5 * np.cos(np.pi * np.clip(omega / edge - 1.0, 0.0, 1.0))
 
 
+@compiled
 def force_of_motion(
-    displacement: Array, beta_gamma: float, beta_delta: float, exponent: float
-) -> Array:
-    """Return the hysteretic force for alpha = 1 along a sampled motion, from zero.
+    displacement: Array, beta_gamma: float, beta_delta: float, exponent: float, force: Array
+) -> None:
+    """Find the hysteretic force for alpha = 1 along a sampled motion.
 
-    ``dh = dy (1 - (beta gamma sign(dy h) + beta delta) |h|**nu)``, as of a Bouc-Wen model that the
-    displacement drives. The force is in parts of alpha [m].
+    ``dh = dy (1 - (beta gamma sign(dy h) + beta delta) |h|**nu)``, from h = 0, by one Runge–Kutta
+    step a sample. The force is written in parts of alpha [m].
     """
-    law = classical_law(1.0, beta_gamma, beta_delta, exponent)
-    less = np.empty(displacement.size)
-    simulate_samples(displacement, displacement[0], 0.0, np.zeros(3), law, less)
-    return -less
+    h = 0.0
+    force[0] = h
+    for i in range(1, displacement.size):
+        d = displacement[i] - displacement[i - 1]
+        gamma = math.copysign(beta_gamma, d * beta_gamma)
+        k1 = d * _stiffness(h, gamma, beta_delta, exponent)
+        k2 = d * _stiffness(h + 0.5 * k1, gamma, beta_delta, exponent)
+        k3 = d * _stiffness(h + 0.5 * k2, gamma, beta_delta, exponent)
+        k4 = d * _stiffness(h + k3, gamma, beta_delta, exponent)
+        h += (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+        force[i] = h
+
+
+@compiled
+def _stiffness(h: float, gamma: float, delta: float, exponent: float) -> float:
+    power = abs(h) if exponent == 1.0 else abs(h) ** exponent
+    return 1.0 - (math.copysign(gamma, gamma * h) + delta) * power
