@@ -333,7 +333,7 @@ class _Agreement:
         return f"Prediction of the measurement: {listed(parts)}; {model_name(self.best)}{fitted}."
 
     def missing(self) -> str:
-        """Return a sentence on published values that the models do not reproduce."""
+        """Return a sentence on published values that the models do not reproduce; or nothing."""
         parts = [
             *self._manufacturing_errors(),
             *self._far_values(),
@@ -341,7 +341,7 @@ class _Agreement:
             *self._fitted_hysteresis(),
         ]
         if not parts:
-            return "All published values are reproduced."
+            return ""
         return f"Not reproduced: {'; '.join(parts)}."
 
     def _manufacturing_errors(self) -> Iterator[str]:

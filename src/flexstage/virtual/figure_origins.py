@@ -44,9 +44,13 @@ def figure_origins(
         figures |= dict.fromkeys(known - ({"linearity"} if piezo else set()), "published")
         origins |= {f"{quantity} {axis.name}": text for quantity, text in figures.items()}
     if len(stage.axes) == 2:
-        first, both = stage.axes[0].name, "".join(axis.name for axis in stage.axes)
-        origins[f"workspace_area {both}"] = origins[f"output_displacement {first}"]
-        origins[f"squareness {both}"] = origins[f"cross_coupling {first}"]
+        names = [axis.name for axis in stage.axes]
+        for joint, of in (
+            ("workspace_area", "output_displacement"),
+            ("squareness", "cross_coupling"),
+        ):
+            of_each = dict.fromkeys(origins[f"{of} {name}"] for name in names)
+            origins[f"{joint} {''.join(names)}"] = "; ".join(of_each)
     return origins
 
 
@@ -60,7 +64,7 @@ def _of_axis(path: str | None, *, piezo: bool) -> dict[str, str]:
         "natural_frequency_hz": lumped,
         "damping_ratio": f"assumed: {100.0 * VIRTUAL_DAMPING_RATIO:g} %",
         "repeatability": f"assumed: {100.0 * REPEATABILITY:g} % of the stroke",
-        "resolution": sensor if piezo else "model: smallest step of the drive",
+        "resolution": sensor if piezo else "assumed: smallest step of the drive, as described",
         "noise": sensor,
         "drift": sensor,
         "linearity": "assumed: loop of the stack" if piezo else bow,
