@@ -53,8 +53,8 @@ def test_study_prints_a_table_and_writes_a_report(
         "Natural frequency [Hz]",
         "Largest stress [MPa]",
         "reconstruction",
-        "+1.6",
-        "to FEM",
+        "fitted to FEM",
+        "to measured",
     ):
         assert text in out
     assert ("Claim of 17 % less motion error" in out) == (not less)
@@ -181,7 +181,7 @@ def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture
     assert captured.err == ""
     for row in rows:
         assert list(row) == ["quantity", "axis", "origin", "value", "unit", "uncertainty", "note",
-                             "failing"]  # fmt: skip
+                             "failing", "kind", "fitted_to"]  # fmt: skip
         assert row["origin"] in ORIGINS
         assert row["axis"] in ("x", "y", "xy", "stage")
         assert row["unit"] == QUANTITIES[row["quantity"]].unit

@@ -21,8 +21,10 @@ class Actuator:
     """Mass that moves with the bodies of the stage [kg]; none where not given."""
     thermal_expansion: Annotated[float, DIMENSIONS["expansion"]] | None = None
     """Coefficient of linear expansion along the drive [1/K]; negative for poled stacks."""
-    thermal_expansion_uncertainty: Annotated[float, DIMENSIONS["expansion"], NOT_NEGATIVE] = 0.0
-    """Standard uncertainty of this coefficient [1/K]."""
+    thermal_expansion_uncertainty: (
+        Annotated[float, DIMENSIONS["expansion"], NOT_NEGATIVE] | None
+    ) = None
+    """Standard uncertainty of this coefficient [1/K]; none where not given."""
     length: Size | None = None
     """Length that expands with temperature [m]; in a stage the distance of its points where not
     given.

@@ -109,7 +109,7 @@ def thermal_drift(
 
 def _with_expansion(stage: Stage, drive: Drive) -> Stage:
     """Return the stage with a drive whose coefficient is larger by its standard uncertainty."""
-    larger = (drive.thermal_expansion or 0.0) + drive.thermal_expansion_uncertainty
+    larger = (drive.thermal_expansion or 0.0) + (drive.thermal_expansion_uncertainty or 0.0)
     other = replace(drive, thermal_expansion=larger)
     return replace(stage, drives=tuple(other if d is drive else d for d in stage.drives))
 
