@@ -125,3 +125,19 @@ def test_what_counts_as_a_jump():
     assert jumps(np.sin(np.arange(400) / 1.3)).size == 0
     assert jumps(np.repeat(np.sin(np.arange(60)), 5)).size == 0
     assert jumps(np.abs(np.arange(400) % 50 - 25.0)).size == 0
+
+
+@pytest.mark.parametrize("late", [2, 4, 6])
+@pytest.mark.parametrize("lag", [0.1, 0.3, 0.5])
+def test_a_jump_that_an_amplifier_spreads_over_samples_is_not_later_by_a_part(lag, late):
+    """The whole of it is one jump: half of it would be taken for motion without delay."""
+    jump = lfilter([1.0 - lag], [1.0, -lag], np.tile(np.repeat([0.0, 60.0], 200), 12))
+    u = 10.0 + jump
+    y = 0.31 * np.concatenate((np.full(late, u[0]), u[:-late]))
+    y += np.random.default_rng(1).normal(0.0, 0.005, u.size)
+    channels = (Channel(name="u", values=u), Channel(name="y", values=y))
+    steps = Record(channels=channels, time=np.arange(u.size) / 1000.0)
+    response = jump_response(measurement([steps], "u", "y").sections[0])
+    # none where the jump is too wide for its delay to be seen
+    assert response is None or response.delay == pytest.approx(1e-3 * late, abs=5e-5)
+    assert response is not None or late < 6 or lag == 0.5

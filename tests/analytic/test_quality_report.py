@@ -352,6 +352,21 @@ def test_a_small_jump_is_found_whatever_was_taken_for_creep(share, place, chain)
     assert jump.size == pytest.approx(share * STROKE, rel=0.35)
 
 
+def test_a_jump_is_found_on_a_staircase():
+    levels = np.concatenate((np.arange(0.0, 101.0, 5.0), np.arange(95.0, -1.0, -5.0)))
+    u = np.tile(np.repeat(levels, 10), 15)[:6000]
+    y = stack(u) + np.where(np.arange(u.size) * DT >= 17.305, 3.0, 0.0)
+    (jump,) = shifts((u, y))
+    assert (jump.kind, jump.at) == ("jump", (17.305,))
+    assert jump.size == pytest.approx(3.0, abs=0.01)
+
+
+def test_a_jump_is_no_change_of_gain_by_next_to_nothing():
+    u = drive(rate_hz=0.2)
+    y = stack(u) + np.where(np.arange(u.size) * DT >= 26.0, 3.0, 0.0)
+    assert all(fault.kind == "jump" for fault in shifts((u, y)))
+
+
 def test_a_jump_stands_out_of_much_noise():
     """What is left without the jump is white, and each of its samples counts."""
     y = jumped(677, 2.0 / STROKE) + np.random.default_rng(4).normal(0.0, 0.5, U.size)
