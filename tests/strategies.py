@@ -31,6 +31,7 @@ from flexstage.stage import (
     Screw,
     Stage,
 )
+from flexstage.stage.seat import BallSeat, FlatSeat, Preload, Seat, TipSeat
 
 lengths = st.floats(1e-7, 0.9, allow_subnormal=False)
 coordinates = st.one_of(
@@ -135,6 +136,16 @@ materials = st.one_of(
 )
 
 
+def seats() -> st.SearchStrategy[Seat]:
+    return st.one_of(
+        st.builds(
+            BallSeat, radius=lengths, second_radius=st.none() | lengths, contact_modulus=positive
+        ),
+        st.builds(FlatSeat, roughness_length=lengths),
+        st.builds(TipSeat, axial_stiffness=positive),
+    )
+
+
 def drives(name: str, bodies: list[str]) -> st.SearchStrategy[Drive]:
     common = {
         "name": st.just(name),
@@ -143,11 +154,18 @@ def drives(name: str, bodies: list[str]) -> st.SearchStrategy[Drive]:
         "at": st.tuples(points, points),
         "direction": angles,
         "patch_half_width": lengths,
+        "mass": st.none() | positive,
+        "thermal_expansion": st.none() | st.floats(-1e-4, 1e-4),
+        "length": st.none() | lengths,
+    }
+    seated = common | {
+        "seats": st.lists(seats(), max_size=2).map(tuple),
+        "preload": st.builds(Preload, force=positive, spring_stiffness=positive),
     }
     return st.one_of(
         st.builds(
             Screw,
-            **common,
+            **seated,
             pitch=lengths,
             smallest_step=lengths,
             travel=lengths,
@@ -155,7 +173,7 @@ def drives(name: str, bodies: list[str]) -> st.SearchStrategy[Drive]:
         ),
         st.builds(
             PiezoStack,
-            **common,
+            **seated,
             free_stroke=lengths,
             stiffness=positive,
             blocking_force=st.none() | positive,

@@ -14,7 +14,7 @@ from flexstage.files.yaml_text import yaml_text
 from flexstage.stage import Stage
 from flexstage.stage.file import STAGE_FILE, read_stage, stage_from_text, stage_to_text, write_stage
 from tests.reference_stages import NAMES, reference_stage
-from tests.strategies import drives, profiles, stages
+from tests.strategies import drives, profiles, seats, stages
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -48,7 +48,7 @@ def kinds_of(strategy: st.SearchStrategy[object]) -> set[type]:
 @pytest.mark.slow
 def test_every_kind_is_in_the_strategies() -> None:
     for family, strategy in zip(
-        STAGE_FILE.families, (drives("d", ["a", "b"]), profiles()), strict=True
+        STAGE_FILE.families, (drives("d", ["a", "b"]), seats(), profiles()), strict=True
     ):
         assert kinds_of(strategy) == set(STAGE_FILE.families[family].values())
 
