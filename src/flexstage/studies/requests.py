@@ -89,8 +89,8 @@ class StackOptions(Request):
     def __post_init__(self) -> None:
         super(StackOptions, self).__post_init__()
         rate = self.rate
-        is_number = isinstance(rate, int | float) and not isinstance(rate, bool)
-        if not (rate is None or rate == "natural" or (is_number and rate > 0.0)):
+        above = isinstance(rate, int | float) and not isinstance(rate, bool) and rate > 0.0
+        if not (rate is None or rate == "natural" or above):
             raise ModelError(f"rate must be a frequency above 0, or natural, got '{rate}'")
 
 
