@@ -23,15 +23,10 @@ from flexstage.hinges import (
     RightCircular,
     VFillet,
 )
+from flexstage.hinges.registry import with_neck_thickness
 from flexstage.lumped import lumped_system
-from flexstage.measure.updating import (
-    UPDATABLE,
-    UpdateParameter,
-    predict,
-    stage_with,
-    update_stage,
-    with_neck_thickness,
-)
+from flexstage.measure.update_parameters import UpdateParameter, stage_with
+from flexstage.measure.updating import UPDATABLE, predict, update_stage
 from flexstage.quantities.estimate import Component, Estimate
 from flexstage.stage import check, mass_properties
 from flexstage.stage.designs import design

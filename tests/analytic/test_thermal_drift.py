@@ -32,7 +32,7 @@ ALUMINIUM = Bench(base=PLATE)
 def bare(name: str = "vgtu-piezo", supports: str = "elastic") -> tuple[Stage, MechanicalSystem]:
     """Return a stage of the study and its model."""
     stage = design(name)
-    return stage, superelement_model(stage, supports=supports).system  # type: ignore[arg-type]
+    return stage, superelement_model(stage, supports=supports).system
 
 
 def stage(expansion: float | None = STACK, name: str = "vgtu-piezo", **fields: object) -> Stage:

@@ -48,7 +48,7 @@ def filled(stage: Stage, faces: StageFaces) -> object:
         return made
 
     def at(edge: object) -> tuple[float, float]:
-        centre = edge.center  # type: ignore[attr-defined]
+        centre = edge.center
         return round(centre.x, 3), round(centre.y, 3)
 
     names = {at(edge): edge.name for edge in faces.shape.edges if edge.name}
@@ -82,7 +82,7 @@ def test_stacks_of_a_second_material(*, fibres: bool) -> None:
     system = superelement_model(stage, supports="elastic", plane="stress").system
     ours = thermal_drift(stage, system, Bench(base=BASE))
     outline = filled(stage, stage_faces(stage))
-    grid = plane_grid(stage, outline, neck_size=0.5, size=15e-3)  # type: ignore[arg-type]
+    grid = plane_grid(stage, outline, neck_size=0.5, size=15e-3)
     job = calculix.Job(
         grid=grid,
         kind="CPS6",

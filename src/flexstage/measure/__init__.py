@@ -28,13 +28,8 @@ if TYPE_CHECKING:
     from flexstage.measure.uncertainty.monte_carlo import monte_carlo, validate
     from flexstage.measure.uncertainty.propagate import propagate
     from flexstage.measure.uncertainty.sensor import measured
-    from flexstage.measure.updating import (
-        Updated,
-        UpdateParameter,
-        predict,
-        stage_with,
-        update_stage,
-    )
+    from flexstage.measure.update_parameters import UpdateParameter, stage_with
+    from flexstage.measure.updating import Updated, predict, update_stage
     from flexstage.quantities.sensor import SensorSpecification
 
 __all__ = [

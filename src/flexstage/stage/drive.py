@@ -96,6 +96,11 @@ class StackActuator(Actuator):
     """Largest rate at which its voltage may change [V/s]."""
 
     @property
+    def blocked_force(self) -> float:
+        """Blocking force of the maker, or stiffness times free stroke [N]."""
+        return self.blocking_force or self.stiffness * self.free_stroke
+
+    @property
     def stroke(self) -> float | None:
         return self.free_stroke
 

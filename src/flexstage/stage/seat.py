@@ -1,6 +1,7 @@
 """Seats of drives: the contacts at the ends of an actuator, each with its force and approach."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +12,7 @@ from flexstage.quantities.units import DIMENSIONS, Stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Seat:
+class Seat(ABC):
     """Base class of seats; use one of its kinds."""
 
     kind: ClassVar[str]
@@ -19,13 +20,13 @@ class Seat:
     pulls: ClassVar[bool] = False
     """True if the seat holds a pulling force; else the drive lifts off."""
 
+    @abstractmethod
     def approach(self, force: float, preload: float) -> float:
         """Return the approach of both bodies from a preload to a force, both pressing [m]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def stiffness(self, force: float) -> float:
         """Return the stiffness against small vibrations under a pressing force [N/m]."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,8 +1,9 @@
 """The stiffness of a seat that a measured natural frequency would imply."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -33,8 +34,6 @@ _NORMAL = 1.959963984540054
 _STEP = 1e-4
 # preloads among which that of a contact is searched [N]
 _PRELOADS = (1e-15, 1e9)
-# of an interval, until rounding ends it
-_HALVINGS = 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -244,26 +243,20 @@ def _closed(
     drive: Drive, added: _AddedStiffness, k_in: float, seat_stiffness: float
 ) -> dict[str, float]:
     """Return the frequency at half stroke with each contact closed."""
+    from scipy.optimize import brentq
+
     rates: dict[str, float] = {}
     if not 0.0 < seat_stiffness < math.inf or not drive.stroke:
         return rates
     half = 0.5 * drive.stroke
     for name, contact in CONTACTS.items():
-        log = _root(
-            lambda log, law=contact: law.stiffness(math.exp(log)) - seat_stiffness,
-            *map(math.log, _PRELOADS),
+        low, high = map(math.log, _PRELOADS)
+        log: Any = brentq(
+            lambda log, law=contact: law.stiffness(math.exp(log)) - seat_stiffness, low, high
         )
         seated = replace(drive, seats=(contact,), preload=Preload(force=math.exp(log)))
-        force = _root(
+        force: Any = brentq(
             lambda force, on=seated: force / k_in + on.compression(force) - half, 0.0, k_in * half
         )
         rates[name] = added.frequency_hz(seated.tangent(math.exp(log) + force))
     return rates
-
-
-def _root(rising: Callable[[float], float], low: float, high: float) -> float:
-    """Return the root of a rising function, by bisection."""
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if rising(middle) > 0.0 else (middle, high)
-    return 0.5 * (low + high)

@@ -14,7 +14,7 @@ from flexstage.quantities.units import readable
 from flexstage.stage.drive import Drive, Force
 from flexstage.stage.model import Stage
 from flexstage.system.mechanical import MechanicalSystem
-from flexstage.system.statics import StaticSolution, solve_stiffness, static_state
+from flexstage.system.statics import StaticSolution, solve_stiffness, static_forces, static_state
 
 # Sweeps over all drives, and the relative change of their forces at which they end.
 _SWEEPS, _SETTLED = 2000, 1e-12
@@ -32,10 +32,6 @@ class SeatedDrive:
     """Pressing force on the seats [N]."""
     elongation: float
     """Elongation between both bodies [m]."""
-    stiffness: float
-    """Stiffness of drive and seats against small vibrations in this state [N/m]; infinite if rigid,
-    0 where open.
-    """
     is_open: bool
     """A seat has lifted off."""
 
@@ -123,10 +119,9 @@ def seat_notes(stage: Stage, system: MechanicalSystem) -> tuple[str, ...]:
         probe, port = system.probe(axis.probe), system.drive(drive.name)
         state = static_drives(stage, system, {drive.name: drive.stroke or 0.0})
         reading = state.static.readings[axis.probe]
-        added, constraints = system.drive_springs("in place")
-        push = (port.stiffness or 0.0) * (port.stroke or 0.0) * port.vector
-        q, _ = solve_stiffness(system.K + added, push[:, None], constraints)
-        linear = float(probe.vector @ q[:, 0])
+        push = (port.stiffness or 0.0) * (port.stroke or 0.0)
+        tangent = static_forces(system, {drive.name: push}, drives="in place")
+        linear = tangent.readings[axis.probe]
         if abs(linear - reading) > _NOTABLE * abs(reading):
             notes.append(
                 f"axis '{axis.name}': the drive has the stiffness of its seats at the preload; "
@@ -202,12 +197,9 @@ def _force(drive: Drive, compliance: float, free: float) -> float:
 
 def _state(drive: Drive, force: float, elongation: float) -> SeatedDrive:
     contact = force + (drive.preload.force if drive.preload else 0.0)
-    is_open = not drive.pulls and contact <= 0.0
-    stiffness = 0.0 if is_open else drive.tangent(contact)
     return SeatedDrive(
         force=force,
         contact_force=contact,
         elongation=elongation,
-        stiffness=math.inf if stiffness is None else stiffness,
-        is_open=is_open,
+        is_open=not drive.pulls and contact <= 0.0,
     )

@@ -84,8 +84,10 @@ def seated_response(
     """
     t = np.asarray(time, dtype=np.float64)
     inputs = {name: np.asarray(w, dtype=np.float64) for name, w in displacements.items()}
-    if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0):
+    if t.ndim != 1 or t.size < 2 or not t[1] > t[0]:
         raise ModelError(f"times must rise, and be at least two, got shape {t.shape}")
+    if not np.allclose(np.diff(t), t[1] - t[0], rtol=1e-6, atol=0.0):
+        raise ModelError("times must rise by equal steps")
     for name, w in inputs.items():
         if w.shape != t.shape:
             raise ModelError(
@@ -98,10 +100,8 @@ def seated_response(
     shapes, omega = bare.shapes, bare.omega
     push, damping = shapes.T @ vectors, 2.0 * bare.damping_ratio * omega
     together = modes(system, drives="in place", count=_RESOLVED).frequency_hz[-1]
-    parts = math.ceil(float(np.max(np.diff(t))) * _STEPS * together)
-    fine = np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)
-    if not np.allclose(np.diff(t), t[1] - t[0], rtol=1e-6):
-        raise ModelError("times must rise by equal steps")
+    parts = math.ceil(float(t[1] - t[0]) * _STEPS * together)
+    fine = np.linspace(t[0], t[-1], (t.size - 1) * parts + 1)
     w = np.array([np.interp(fine, t, inputs.get(d.name, np.zeros_like(t))) for d in drives]).T
     # exact for forces on straight lines between steps; a column for z, v, the force and its change
     h = float(fine[1] - fine[0])

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from flexstage.base.errors import ModelError
 from flexstage.base.short_repr import short_repr
@@ -12,9 +13,6 @@ from flexstage.stage.drive import Drive, Force
 from flexstage.stage.model import Stage
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.seated_drives import SeatedState, static_drives
-
-# halvings of a change of temperature at which a drive lifts off
-_HALVINGS = 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -190,6 +188,8 @@ def why_no_drift(stage: Stage, system: MechanicalSystem) -> str:
 
 def thermal_notes(stage: Stage, system: MechanicalSystem) -> Iterator[str]:
     """Yield why a drift with the drives in place is missing, and which preloads are lost."""
+    from scipy.optimize import bisect
+
     if not has_bench(stage):
         return
     if why := why_no_drift(stage, system):
@@ -201,18 +201,19 @@ def thermal_notes(stage: Stage, system: MechanicalSystem) -> Iterator[str]:
         for drive in stage.drives:
             if not largest or not _is_open(stage, system, bench, drive.name, largest):
                 continue
-            low, high = 0.0, largest
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
-                if _is_open(stage, system, bench, drive.name, middle):
-                    high = middle
-                else:
-                    low = middle
+            lifts: Any = bisect(
+                lambda change, name=drive.name: (
+                    1.0 if _is_open(stage, system, bench, name, change) else -1.0
+                ),
+                0.0,
+                largest,
+                xtol=1e-6 * abs(largest),
+            )
             preload = drive.preload.force if drive.preload else 0.0
             yield (
                 f"The drive '{drive.name}' lifts off within the change of temperature of the "
                 f"bench, ±{abs(largest):g} K: its preload of {number(preload, 3)} N is gone "
-                f"{number(abs(high), 2)} K {'above' if high > 0.0 else 'below'} that of assembly."
+                f"{number(abs(lifts), 2)} K {'above' if lifts > 0.0 else 'below'} that of assembly."
             )
 
 

@@ -11,9 +11,9 @@ from flexstage.system.seated_drives import static_drives
 
 # keys of the plain data of a working line
 _KEYS = (
-    "free_stroke=drive.free_stroke", "stiffness=drive.stiffness", "blocking_force",
-    "stage_stiffness", "preload_stiffness", "stroke", "stroke_share", "lost_on_seats", "force",
-    "force_share", "contact_force",
+    "free_stroke=drive.free_stroke", "stiffness=drive.stiffness",
+    "blocking_force=drive.blocked_force", "stage_stiffness", "preload_stiffness", "stroke",
+    "stroke_share", "lost_on_seats", "force", "force_share", "contact_force",
 )  # fmt: skip
 
 
@@ -38,11 +38,6 @@ class WorkingLine:
     """Force on the seats, that of the preload included [N]."""
 
     @property
-    def blocking_force(self) -> float:
-        """Blocking force of the maker, or stiffness times free stroke [N]."""
-        return self.drive.blocking_force or self.drive.stiffness * self.drive.free_stroke
-
-    @property
     def stroke_share(self) -> float:
         """Stroke over free stroke [1]."""
         return self.stroke / self.drive.free_stroke
@@ -50,7 +45,7 @@ class WorkingLine:
     @property
     def force_share(self) -> float:
         """Force over blocking force [1]."""
-        return self.force / self.blocking_force
+        return self.force / self.drive.blocked_force
 
     @property
     def preload_stiffness(self) -> float:
@@ -69,8 +64,11 @@ class WorkingLine:
 
     def seat_approach(self, force: float) -> float:
         """Return by how much the seats approach from rest under a force of the stack [m]."""
-        rest = self.drive.preload.force if self.drive.preload else 0.0
-        return sum((seat.approach(rest + force, rest) for seat in self.drive.seats), 0.0)
+        return (
+            self.drive.compression(force) - force / self.drive.stiffness
+            if self.drive.seats
+            else 0.0
+        )
 
     def data(self) -> dict[str, Any]:
         """Return the working line as plain data."""

@@ -16,7 +16,8 @@ from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.lumped import hinge_springs
 from flexstage.lumped.assemble import hinge_matrix, layout_of
-from flexstage.measure.updating import UpdateParameter, update_stage
+from flexstage.measure.update_parameters import UpdateParameter
+from flexstage.measure.updating import update_stage
 from flexstage.quantities.characteristic import Characteristics, measured_value
 from flexstage.quantities.estimate import Component, Estimate
 from flexstage.stage import PiezoStack, Stage

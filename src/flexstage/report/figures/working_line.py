@@ -26,12 +26,12 @@ def draw_working_line(line: WorkingLine) -> "Figure":
     """Draw the line of a stack at full voltage, the load of the stage, and where they meet."""
     drive = line.drive
     figure, axes = one_panel(5.4, 3.6)
-    top = max(line.blocking_force, drive.stiffness * drive.free_stroke)
+    top = max(line.drive.blocked_force, drive.stiffness * drive.free_stroke)
     axes.plot(
         [0.0, UM * drive.free_stroke], [drive.stiffness * drive.free_stroke, 0.0],
         color=CYCLE[0], linewidth=1.6, label="stack, full voltage",
     )  # fmt: skip
-    axes.plot([0.0], [line.blocking_force], "s", color=CYCLE[0], markersize=4.5,
+    axes.plot([0.0], [line.drive.blocked_force], "s", color=CYCLE[0], markersize=4.5,
               label="blocking force", clip_on=False)  # fmt: skip
     # twice the force at work, as far as the diagram shows
     force = np.linspace(0.0, min(2.0 * line.force, top), 81)

@@ -73,8 +73,7 @@ def _drive_force_share(stage: Stage, forces: Forces) -> Mapping[str, float]:
         for name, (_, force) in drives.items():
             drive = stage.drive(name)
             if isinstance(drive, PiezoStack):
-                blocking = drive.blocking_force or drive.stiffness * drive.free_stroke
-                shares[axis] = max(shares.get(axis, 0.0), abs(force) / blocking)
+                shares[axis] = max(shares.get(axis, 0.0), abs(force) / drive.blocked_force)
     return shares
 
 
