@@ -47,6 +47,14 @@ MEASURED = (
 )
 
 
+def test_of_two_parts_with_one_mean_the_bias_is_known_twice_as_well(tmp_path: Path) -> None:
+    rows = [f"{part},250,{230 + d}" for part in "ab" for d in (-2, 2)]
+    widths = read_neck_widths(table(tmp_path, "part,drawn [um],measured [um]", *rows), STAGE)
+    # their means do not differ: what is left is the scatter of four necks
+    assert widths.individual == pytest.approx(8.0**0.5 * 1e-6)
+    assert widths.common == pytest.approx(widths.individual / 2.0)
+
+
 def test_public_records_scatter_as_the_manual_says(tmp_path: Path) -> None:
     found = []
     for batch in MEASURED:

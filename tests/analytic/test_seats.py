@@ -155,6 +155,11 @@ def test_a_drive_lifts_off_where_its_seat_would_pull() -> None:
     assert static_drives(held, system, {}, load=away).drives["x"].is_open
 
 
+def test_no_seat_that_presses_holds_a_pull() -> None:
+    assert stage(BALL, preload=0.24).drive("x").compression(-0.25) == -np.inf
+    assert stage(BALL, preload=0.24).drive("x").compression(-0.23) > -1e-6
+
+
 def test_a_preload_spring_takes_stroke_and_adds_stiffness() -> None:
     sprung = stage(BALL, preload=50.0, spring=2e6)
     mounted = sprung.drive("x").mounted
