@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -32,8 +31,8 @@ CONTACTS: Mapping[str, Seat] = {
 _NORMAL = 1.959963984540054
 # relative change of a frequency over which its slope is found
 _STEP = 1e-4
-# preloads among which that of a contact is searched [N]
-_PRELOADS = (1e-15, 1e9)
+# relative change of a force at which it is found
+_SETTLED = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -243,20 +242,27 @@ def _closed(
     drive: Drive, added: _AddedStiffness, k_in: float, seat_stiffness: float
 ) -> dict[str, float]:
     """Return the frequency at half stroke with each contact closed."""
-    from scipy.optimize import brentq
-
     rates: dict[str, float] = {}
     if not 0.0 < seat_stiffness < math.inf or not drive.stroke:
         return rates
-    half = 0.5 * drive.stroke
     for name, contact in CONTACTS.items():
-        low, high = map(math.log, _PRELOADS)
-        log: Any = brentq(
-            lambda log, law=contact: law.stiffness(math.exp(log)) - seat_stiffness, low, high
-        )
-        seated = replace(drive, seats=(contact,), preload=Preload(force=math.exp(log)))
-        force: Any = brentq(
-            lambda force, on=seated: force / k_in + on.compression(force) - half, 0.0, k_in * half
-        )
-        rates[name] = added.frequency_hz(seated.tangent(math.exp(log) + force))
+        # the stiffness of each contact is a power of its force
+        unit = contact.stiffness(1.0)
+        exponent = math.log2(contact.stiffness(2.0) / unit)
+        preload = (seat_stiffness / unit) ** (1.0 / exponent)
+        seated = replace(drive, seats=(contact,), preload=Preload(force=preload))
+        force = _pushed(seated, k_in, 0.5 * drive.stroke)
+        rates[name] = added.frequency_hz(seated.tangent(preload + force))
     return rates
+
+
+def _pushed(drive: Drive, k_in: float, displacement: float) -> float:
+    """Return the force of a drive on a spring, F/k + c(F) = w, by Newton's method."""
+    preload = drive.preload.force if drive.preload else 0.0
+    force, step = 0.0, math.inf
+    # contacts stiffen, so that each step ends below the root
+    while step > _SETTLED * force:
+        left = displacement - force / k_in - drive.compression(force)
+        step = left / (1.0 / k_in + 1.0 / drive.tangent(preload + force))
+        force += step
+    return force

@@ -188,8 +188,6 @@ def why_no_drift(stage: Stage, system: MechanicalSystem) -> str:
 
 def thermal_notes(stage: Stage, system: MechanicalSystem) -> Iterator[str]:
     """Yield why a drift with the drives in place is missing, and which preloads are lost."""
-    from scipy.optimize import bisect
-
     if not has_bench(stage):
         return
     if why := why_no_drift(stage, system):
@@ -201,6 +199,8 @@ def thermal_notes(stage: Stage, system: MechanicalSystem) -> Iterator[str]:
         for drive in stage.drives:
             if not largest or not _is_open(stage, system, bench, drive.name, largest):
                 continue
+            from scipy.optimize import bisect
+
             lifts: Any = bisect(
                 lambda change, name=drive.name: (
                     1.0 if _is_open(stage, system, bench, name, change) else -1.0
