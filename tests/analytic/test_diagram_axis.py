@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError
-from flexstage.export.diagram.axis_diagram import axis_chain
 from flexstage.export.diagram.graph import DiagramBuilder, diagram_state_space, identifier
-from flexstage.export.diagram.stage_diagram import stage_diagram
+from flexstage.export.diagram.stage_diagram import axis_chain, stage_diagram
 from flexstage.hysteresis import dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage.designs import design

@@ -15,7 +15,7 @@ import pytest
 from flexstage.base.errors import ControllerError, FlexstageError, NotConnectedError, PlanError
 from flexstage.experiments import Plan, run_plan, runner
 from flexstage.experiments.plan import plan_from_text
-from flexstage.experiments.state import clear_leftovers, read_state, write_state
+from flexstage.experiments.runner import clear_leftovers, read_state, write_state
 from flexstage.experiments.verbs import Centre, Identify, Verify
 from flexstage.experiments.verbs.compensate import Reference
 from flexstage.experiments.verbs.measure import MeasuredStep

@@ -21,7 +21,7 @@ from typing import Any
 
 from flexstage.base.errors import FlexstageError
 from flexstage.experiments import plan_stage, read_campaign, read_plan
-from flexstage.experiments.state import read_state
+from flexstage.experiments.runner import read_state
 from flexstage.hysteresis.model_file import read_model_file
 from flexstage.instruments.recording.archive import examine, file_summary
 from flexstage.measure import read_budget

@@ -12,9 +12,8 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from flexstage.base.errors import ConvergenceError, ModelError
-from flexstage.hysteresis.oscillator.identify import fit_oscillator
+from flexstage.hysteresis.oscillator.identify import EquationError, fit_oscillator, force_of_motion
 from flexstage.hysteresis.oscillator.model import BoucWenOscillator, input_pieces
-from flexstage.hysteresis.oscillator.start import EquationError, force_of_motion
 
 RATE = 730.0
 MODEL = BoucWenOscillator(

@@ -12,7 +12,7 @@ import time
 import pytest
 
 from flexstage.cli import main
-from flexstage.experiments.state import read_state
+from flexstage.experiments.runner import read_state
 from flexstage.records import read_record
 from tests.result_schema import require_valid
 

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from flexstage.cli import main
-from flexstage.experiments.state import RunState, write_state
+from flexstage.experiments.runner import RunState, write_state
 from flexstage.instruments.protocol import Identity
 
 TWIN = "twin://?seed=7&model=lumped"

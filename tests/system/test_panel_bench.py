@@ -27,7 +27,6 @@ from flexstage.records import Channel, Record, read_record, write_record
 from flexstage.stage.designs import design
 from flexstage.web.bench import link
 from flexstage.web.bench.link import CONTROL_TIMEOUT, BenchLink, Control
-from flexstage.web.bench.outcome import run_name
 from flexstage.web.bench.runs import (
     RunDescription,
     WaveformRequest,
@@ -42,6 +41,7 @@ from flexstage.web.bench.runs import (
 )
 from flexstage.web.emergency_stop import EmergencyStop
 from flexstage.web.jobs import Jobs
+from flexstage.web.views.bench import run_name
 from tests.panel import browser, looked_at, open_piezo_stage, served, simulated, until
 from tests.simple_instrument import GAINS, SimpleInstrument
 

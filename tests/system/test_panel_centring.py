@@ -16,7 +16,6 @@ from flexstage.base.errors import FlexstageError, ModelError, RecordError
 from flexstage.centring.calibration_moves import OrderResponse, _best
 from flexstage.cli import main
 from flexstage.quantities.estimate import Component, Estimate
-from flexstage.web.centring.panels import figures, position_text, turns_table
 from flexstage.web.centring.state import CentringState
 from flexstage.web.centring.work import (
     evaluate_files,
@@ -27,6 +26,7 @@ from flexstage.web.centring.work import (
     stage_position,
 )
 from flexstage.web.preferences import Preferences
+from flexstage.web.views.centring import figures, position_text, turns_table
 from tests.panel import looked_at, simulated
 from tests.undrawn import undrawn
 

@@ -14,8 +14,7 @@ from flexstage.report import report_html
 from flexstage.stage import Stage
 from flexstage.stage.designs import design
 from flexstage.studies import run_study
-from flexstage.studies.compensation import AxisExperiment, virtual_experiment
-from flexstage.virtual.driven_axis import driven_axis
+from flexstage.studies.compensation import AxisExperiment, driven_axis, virtual_experiment
 from flexstage.virtual.stack import virtual_stack
 
 # Published for the stage: loop widths, and the largest error of its Bouc-Wen model [m].
