@@ -26,6 +26,7 @@ from flexstage.system.thermal import drive_lengths, why_no_drift
 # A step is followed over this many of the largest time constants, a sine over two periods at least.
 _TIME_CONSTANTS, _POINTS = 7.0, 400
 _POINTS_OF_PERIOD, _PERIODS = 48, 400
+_SETTLED = 5e-3  # relative change of a drift that is not worth a word
 # Usual limit of the Biot number of an isothermal body [1] (F. P. Incropera et al., Fundamentals of
 # Heat and Mass Transfer, section 5.1).
 _ISOTHERMAL = 0.1
@@ -406,8 +407,9 @@ def _largest(time: Array, values: Array, conditions: str) -> tuple[float, str]:
     at = int(np.argmax(np.abs(values)))
     end = number(time[-1] / 60.0, 3)
     when = f"after {end} min"
-    if at < values.size - 1:
-        share = number(100.0 * float(values[-1] / values[at]), 2)
+    left = float(values[-1] / (values[at] or 1.0))
+    if left < 1.0 - _SETTLED:
+        share = number(100.0 * left, 2)
         when = f"at {number(time[at] / 60.0, 3)} min; {share} % of it after {end} min"
     return float(values[at]), f"{when}; {conditions}"
 
