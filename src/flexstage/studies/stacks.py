@@ -59,18 +59,18 @@ def heated_by_stacks(stage: Stage, options: StackOptions) -> Stage:
         The rate is natural, which is known only after the analysis.
     """
     drives = []
+    lossy = options.rate is not None and options.loss_factor is not None
     for drive in stage.drives:
-        heat = drive.heat if isinstance(drive, PiezoStack) else None
-        if heat is None or heat.power is not None or None in (options.rate, options.loss_factor):
+        if lossy and isinstance(drive, PiezoStack) and drive.heat and drive.heat.power is None:
+            if not isinstance(options.rate, int | float):
+                raise ModelError(
+                    f"the heat of stack '{drive.name}' in time needs --rate in Hz, got natural"
+                )
+            supply = stack_supply(drive, float(options.rate), options)
+            power = None if supply is None else supply.heat
+            drives.append(replace(drive, heat=replace(drive.heat, power=power)))
+        else:
             drives.append(drive)
-            continue
-        if not isinstance(options.rate, int | float):
-            raise ModelError(
-                f"the heat of stack '{drive.name}' in time needs --rate in Hz, got natural"
-            )
-        supply = stack_supply(drive, float(options.rate), options)
-        power = None if supply is None else supply.heat
-        drives.append(replace(drive, heat=replace(heat, power=power)))
     return replace(stage, drives=tuple(drives))
 
 
