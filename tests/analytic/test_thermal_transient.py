@@ -1,7 +1,8 @@
 """Thermal drift in time: closed forms of bars and lumps, heat balance, the limit of equal changes.
 
-Evidence (The two stages of the study): thermal drift in time, all equally warm, against
-that per kelvin: 1e-12; temperatures of 30 bodies in line against Fourier's series of a bar: 3e-4
+Evidence (The two stages of the study): thermal drift in time, all equally warm, against that per
+kelvin: 1e-12; temperatures of 30 bodies in line against Fourier's series of a bar: 2e-3; of the
+platforms of the piezo stage against quadratic triangles (scikit-fem), 10 to 300 s: 5 %
 """
 
 import contextlib
@@ -13,10 +14,12 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.sparse.linalg import splu
 
 from flexstage.base.errors import ModelError, StageError
 from flexstage.cli import main
 from flexstage.fem import plane_model
+from flexstage.fem.geometry import body_region, notch_region, stage_faces
 from flexstage.fem.superelement import superelement_model
 from flexstage.files.request import option_words
 from flexstage.hinges import Leaf, RightCircular
@@ -36,6 +39,7 @@ from flexstage.system import (
     thermal_drift,
     thermal_transient,
 )
+from tests.peers.gmsh_grid import plane_grid
 
 METAL = material("Al 7075-T6")
 WIDTH, STACK = 7e-3, -3.5e-6
@@ -48,8 +52,8 @@ def box(x0: float, x1: float, half: float) -> Loop:
 
 def chain(count: int, bench: Bench) -> Stage:
     """Return bars in line on a fixed block, joined by straight hinges of nearly their height."""
-    half, bar, leaf = 2.1e-3, 3e-3, 5e-3
-    profile = Leaf(neck_thickness=4e-3, leaf_length=leaf, notch_depth=0.1e-3)
+    half, bar, leaf = 2.1e-3, 9e-3, 5e-3
+    profile = Leaf(neck_thickness=4.2e-3 - 2e-6, leaf_length=leaf, notch_depth=1e-6)
     bodies = [Body(name="b0", outline=box(-9e-3, -0.5 * leaf, half), fixed=True)]
     hinges = []
     for i in range(1, count + 1):
@@ -88,40 +92,40 @@ def test_a_lump_warms_exponentially() -> None:
     bench = Bench(base=0.0, film_coefficient=9.0, air_change=2.0, base_change=0.5)
     stage = chain(1, bench)
     network = heat_network(stage)
-    # by hand: half of the leaf, bar of 3 by 4.2 mm; faces, and the edges of the bar
-    area = 3e-3 * 4.2e-3 + 2.5e-3 * 4e-3
+    # by hand: half of the leaf, bar of 9 by 4.2 mm; faces, and the edges of the bar; the way is
+    # the leaf, and the bar to the centre of both
+    leaf, height = 4.2e-3 - 2e-6, 4.2e-3
+    area = 9e-3 * height + 2.5e-3 * leaf
     capacity = METAL.density * METAL.specific_heat * WIDTH * area
-    film = 9.0 * (2.0 * area + WIDTH * 2.0 * (3e-3 + 4.2e-3))
-    hinge = METAL.thermal_conductivity * WIDTH * 4e-3 / 5e-3
+    film = 9.0 * (2.0 * area + WIDTH * 2.0 * (9e-3 + height))
+    centre = (9e-3 * height * 7e-3 + 2.5e-3 * leaf * 1.25e-3) / area
+    way = 5e-3 / leaf + (centre - 2.5e-3) / height
+    hinge = METAL.thermal_conductivity * WIDTH / way
     t = np.array([0.0, 0.7, 4.0, 90.0])
     rate = (film + hinge) / capacity
     exact = (2.0 * film + 0.5 * hinge) / (film + hinge) * (1.0 - np.exp(-rate * t))
     found = network.temperatures(bench, t)[network.index["body", "b1"]]
     assert found == pytest.approx(exact, rel=1e-9)
-    # along its longest side of 4.2 mm against its hinge
-    assert network.biot["b1"] == pytest.approx((4e-3 / 5e-3) * 4.2e-3**2 / area, rel=1e-9)
+    # along its longest side of 9 mm against its hinge
+    assert network.biot["b1"] == pytest.approx((leaf / 5e-3) * 9e-3 / height, rel=1e-9)
 
 
 def test_a_chain_of_bodies_warms_as_a_bar() -> None:
     """T = 1 - sum 4/((2n + 1) pi) sin(m x/L) exp(-m^2 a t/L^2), m = (2n + 1) pi/2 (Fourier)."""
-    count, pitch = 30, 8e-3
+    count, pitch = 30, 14e-3
     bench = Bench(base=0.0, base_change=1.0)
     network = heat_network(chain(count, bench))
-    # hinges alone resist, bars and hinges store
-    conductivity = METAL.thermal_conductivity * WIDTH * 4e-3 / 5e-3 * pitch
-    stored = METAL.density * METAL.specific_heat * WIDTH * (5e-3 * 4e-3 + 3e-3 * 4.2e-3) / pitch
-    # the last bar stores half a pitch beyond its place, less half of a leaf
-    lacking = 2.5e-3 * 4e-3 / (5e-3 * 4e-3 + 3e-3 * 4.2e-3)
-    length = (count + 0.5 - lacking) * pitch
-    t = np.array([0.05, 0.2, 0.6]) * length**2 * stored / conductivity
+    diffusivity = METAL.thermal_conductivity / (METAL.density * METAL.specific_heat)
+    length = count * pitch  # from the first leaf to the end of the last bar
+    t = np.array([0.05, 0.2, 0.6]) * length**2 / diffusivity
     odd = (2.0 * np.arange(200) + 1.0)[:, None]
     for i in (1, 7, 18, 30):
         found = network.temperatures(bench, t)[network.index["body", f"b{i}"]]
         m = 0.5 * math.pi * odd
-        decay = np.exp(-((m / length) ** 2) * conductivity / stored * t)
-        series = np.sin(m * i * pitch / length) * decay
+        decay = np.exp(-((m / length) ** 2) * diffusivity * t)
+        series = np.sin(m * (i - 0.5 + 2.5 / 14.0) * pitch / length) * decay
         exact = 1.0 - np.sum(4.0 / (math.pi * odd) * series, axis=0)
-        assert found == pytest.approx(exact, abs=3e-4)
+        assert found == pytest.approx(exact, abs=2e-3)
 
 
 @pytest.mark.parametrize("period", [None, 170.0])
@@ -173,7 +177,7 @@ def test_a_heated_bar_is_warmer_than_its_ends_by_the_parabola() -> None:
     bench = Bench(base=0.0, film_coefficient=8.0, air_change=1.0)
     network = heat_network(replace(stage, drives=(passive,), bench=bench))
     body, middle = network.temperatures(bench, np.array([1e9]))[:, 0]
-    hinge = METAL.thermal_conductivity * WIDTH * 4e-3 / 5e-3
+    hinge = float(heat_network(chain(1, bench)).base[0])
     assert (hinge + 0.4) * body == pytest.approx(network.air[0] * (1.0 - body), rel=1e-9)
     assert middle == pytest.approx(0.5 * body, rel=1e-9)
 
@@ -243,8 +247,56 @@ def test_bodies_expand_alike_in_both_models() -> None:
     times = [10.0, 60.0, 1e4]
     ours, theirs = (thermal_transient(stage, m, times) for m in (system(), meshed))
     for probe, reading in ours.readings.items():
-        assert reading == pytest.approx(theirs.readings[probe], rel=3e-3)
+        within = 3e-3 * np.abs(reading).max()
+        assert reading == pytest.approx(theirs.readings[probe], abs=within)
     assert ours.rotations["PY"] == pytest.approx(theirs.rotations["PY"], rel=3e-3)
+
+
+@pytest.mark.slow
+def test_bodies_are_as_warm_as_by_finite_elements() -> None:
+    """Heat of the air in a plane of quadratic triangles, by steps of Crank and Nicolson."""
+    skfem = pytest.importorskip("skfem", reason="scikit-fem is not installed")
+    film, step, times = 6.0, 1.0, (10.0, 100.0, 300.0)
+    stage = piezo(Bench(base=0.0, film_coefficient=film, air_change=1.0), None)
+    width, conductivity = stage.thickness, METAL.thermal_conductivity
+    grid = plane_grid(stage, stage_faces(stage).shape, neck_size=0.7, size=8e-3)
+    mesh = skfem.MeshTri2(
+        doflocs=np.ascontiguousarray(grid.nodes.T), t=np.ascontiguousarray(grid.elements.T)
+    )
+
+    def inside(body: str) -> np.ndarray:
+        names = {body_region(body)} | {
+            notch_region(h.name, i) for h in stage.hinges for i in (0, 1) if h.bodies[i] == body
+        }
+        return np.flatnonzero([region in names for region in grid.regions])
+
+    element = skfem.ElementTriP2()
+    plane, edges = skfem.Basis(mesh, element), skfem.FacetBasis(mesh, element)
+    flow = skfem.BilinearForm(
+        lambda u, v, _: conductivity * width * (u.grad * v.grad).sum(axis=0) + 2.0 * film * u * v
+    ).assemble(plane) + skfem.BilinearForm(lambda u, v, _: film * width * u * v).assemble(edges)
+    heat = skfem.LinearForm(lambda v, _: 2.0 * film * v).assemble(plane)
+    heat += skfem.LinearForm(lambda v, _: film * width * v).assemble(edges)
+    stored = METAL.density * METAL.specific_heat * width
+    mass = skfem.BilinearForm(lambda u, v, _: stored * u * v).assemble(plane)
+    held = plane.get_dofs(elements=inside("G")).flatten()
+    free = np.setdiff1d(np.arange(plane.N), held)
+    flow, mass, heat = flow[free][:, free], mass[free][:, free], heat[free]
+    solver = splu((mass + 0.5 * step * flow).tocsc())
+    temperature, found = np.zeros(free.size), {}
+    for i in range(1, int(times[-1] / step) + 1):
+        lost = 0.5 * step * (flow @ temperature)
+        temperature = solver.solve(mass @ temperature - lost + step * heat)
+        if i * step in times:
+            found[i * step] = temperature
+    network = heat_network(stage)
+    ours = network.temperatures(stage.bench, np.array(times))
+    for body, tolerance in {"PX": 0.03, "PY": 0.05, "xin": 0.12, "yin": 0.08}.items():
+        own = skfem.Basis(mesh, element, elements=inside(body))
+        mean = skfem.LinearForm(lambda v, _: v * 1.0).assemble(own)[free]
+        mean /= skfem.LinearForm(lambda v, _: v * 1.0).assemble(own).sum()
+        exact = [mean @ found[t] for t in times]
+        assert ours[network.index["body", body]] == pytest.approx(exact, rel=tolerance)
 
 
 def test_the_heat_of_a_stage_changes_no_other_figure() -> None:
@@ -255,7 +307,7 @@ def test_the_heat_of_a_stage_changes_no_other_figure() -> None:
     assert cold.body("PY").thermal is None
 
 
-def test_the_analysis_has_rows_and_says_how_far_bodies_are_from_isothermal() -> None:
+def test_the_analysis_has_rows_and_says_how_even_the_temperature_of_bodies_is() -> None:
     stage = piezo(WARM_AIR)
     table = analyse(stage, system())
     rows = {(r.quantity, r.axis): r for r in table.characteristics}
@@ -265,7 +317,7 @@ def test_the_analysis_has_rows_and_says_how_far_bodies_are_from_isothermal() -> 
     assert rows["thermal_time_constant", "stage"].value == found.time_constants[0]
     for words in ("0.230 W in drive 'x'", "air +1 K (step)", "film 6 W/(m² K)"):
         assert words in rows["drift_in_time", "x"].note
-    note = next(n for n in table.validity if "isothermal" in n)
+    note = next(n for n in table.validity if "Biot numbers" in n)
     assert f"that of 'PX' is {found.biot['PX']:.1f}" in note
     data = found.to_dict()
     assert data["series"]["reading.y"][-1] == found.readings["y"][-1]
