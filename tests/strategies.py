@@ -31,6 +31,7 @@ from flexstage.stage import (
     Screw,
     Stage,
 )
+from flexstage.stage.drive import DriveHeat
 from flexstage.stage.seat import BallSeat, FlatSeat, Preload, Seat, TipSeat
 
 lengths = st.floats(1e-7, 0.9, allow_subnormal=False)
@@ -85,6 +86,18 @@ benches = st.builds(Bench, base=coefficients) | st.builds(
     holder=coefficients,
     holder_length=lengths | lengths.map(lambda v: -v),
     temperature_change=st.none() | st.floats(1e-3, 50.0),
+    film_coefficient=st.floats(0.1, 100.0),
+    mount_conductance=st.none() | positive,
+    air_change=st.floats(0.1, 30.0),
+    base_change=st.floats(-30.0, 30.0),
+    period=st.none() | positive,
+)
+heats = st.builds(
+    DriveHeat,
+    capacity=positive,
+    conductance=positive,
+    surface=st.floats(0.0, 1.0),
+    power=st.none() | st.floats(0.0, 100.0),
 )
 extra_masses = st.builds(ExtraMass, mass=positive, at=points, inertia=st.floats(0.0, 1.0))
 
@@ -130,7 +143,8 @@ materials = st.one_of(
         fatigue_limit=st.none() | st.floats(1.0, 1e12),
         fatigue_cycles=st.none() | positive,
         thermal_expansion=st.none() | st.floats(-1e-5, 1e-4),
-        thermal_conductivity=st.none() | positive,
+        thermal_conductivity=st.none() | st.floats(1e-4, 1e5),
+        specific_heat=st.none() | st.floats(1.0, 1e5),
         source=texts,
     ),
 )
@@ -157,6 +171,7 @@ def drives(name: str, bodies: list[str]) -> st.SearchStrategy[Drive]:
         "mass": st.none() | positive,
         "thermal_expansion": st.none() | st.floats(-1e-4, 1e-4),
         "length": st.none() | lengths,
+        "heat": st.none() | heats,
     }
     seated = common | {
         "seats": st.lists(seats(), max_size=2).map(tuple),

@@ -6,12 +6,21 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError
+from flexstage.instruments.pi.simulated.address import simulated_controller
+from flexstage.instruments.requests import TwinRequest
+from flexstage.lumped import lumped_system
+from flexstage.stage import Stage
 from flexstage.stage.designs import design
-from flexstage.studies.explore.neck_widths import read_neck_widths
+from flexstage.studies import run_study
 from flexstage.studies.explore.prepare import ready_tolerance
 from flexstage.studies.explore.requests import ToleranceRequest
 from flexstage.studies.explore.workers import Workers
-from flexstage.virtual.imperfections import Scatter
+from flexstage.studies.requests import StudyRequest
+from flexstage.system import modes
+from flexstage.virtual.as_built import as_built
+from flexstage.virtual.build import virtual_stage
+from flexstage.virtual.imperfections import Scatter, manufactured
+from flexstage.virtual.neck_widths import read_neck_widths
 
 STAGE = design("parallelogram")
 
@@ -76,7 +85,7 @@ def test_one_part_is_known_but_for_the_uncertainty_of_its_mean(tmp_path: Path) -
     assert widths.bias == pytest.approx(-20e-6)
     assert widths.individual == pytest.approx(np.std(off, ddof=1) * 1e-6)
     assert widths.common == pytest.approx(widths.individual / 2.0)
-    thinner, scatter = widths.applied(STAGE, Scatter(modulus=0.02))
+    thinner, scatter = widths.biased(STAGE), widths.scattered(Scatter(modulus=0.02))
     assert thinner.hinges[0].profile.neck_thickness == pytest.approx(drawn[0] - 20e-6)
     assert (scatter.neck_own, scatter.modulus) == (widths.individual, 0.02)
 
@@ -122,4 +131,60 @@ def test_the_scatter_of_necks_is_given_once(tmp_path: Path) -> None:
 def test_a_bias_that_leaves_no_neck_is_refused(tmp_path: Path) -> None:
     widths = read_neck_widths(table(tmp_path, "drawn [mm],measured [mm]", "2,1", "2,1"), STAGE)
     with pytest.raises(ModelError, match="leaves nothing of hinge"):
-        widths.applied(STAGE, Scatter())
+        widths.biased(STAGE)
+
+
+def test_simulated_stages_have_the_measured_necks(tmp_path: Path) -> None:
+    necks = {h.name: h.profile.neck_thickness for h in STAGE.hinges}
+    off = dict(zip(necks, (-23.0, -17.0, -21.0, -19.0), strict=True))
+    rows = [f"{n},{1e3 * t + 1e-3 * off[n]:.6f} mm" for n, t in necks.items()]
+    path = table(tmp_path, "hinge,measured", *rows)
+    widths = read_neck_widths(path, STAGE)
+
+    def thinner(made: Stage) -> np.ndarray:
+        return np.array([h.profile.neck_thickness - necks[h.name] for h in made.hinges])
+
+    thin, process = widths.biased(STAGE), widths.scattered(Scatter())
+    parts = np.array([thinner(manufactured(thin, process, seed=seed)) for seed in range(400)])
+    # bias within three standard deviations, and scatter of each neck about the mean of its part
+    assert parts.mean() == pytest.approx(-20e-6, abs=0.3e-6)
+    assert parts.var(axis=1, ddof=1).mean() ** 0.5 == pytest.approx(widths.individual, rel=0.1)
+    for seed in (2, 3):
+        built = as_built(STAGE, seed=seed, widths=widths)
+        assert thinner(built.manufactured) == pytest.approx(parts[seed])
+    exact = Scatter(neck_common=0.0, neck_own=0.0)
+    drawn = as_built(STAGE, scatter=exact, widths=widths)
+    assert thinner(drawn.manufactured) == pytest.approx(-20e-6)
+    bridge = design("bridge")
+    twin = virtual_stage(bridge, model="lumped", quiet=True, scatter=False, widths=widths)
+    expected = modes(lumped_system(widths.biased(bridge)), drives="in place", count=1).omega[0]
+    assert twin.model.omega.min() == pytest.approx(expected, rel=1e-6)
+    request = TwinRequest(widths=str(path), seed=1)
+    notes = simulated_controller(STAGE, request).device.stage.notes
+    assert any("4 necks were measured" in note and "which its necks are" in note for note in notes)
+
+
+def test_necks_of_published_frequencies_keep_them(tmp_path: Path) -> None:
+    path = table(tmp_path, "drawn [um],measured [um]", "250,240", "250,241", "250,242")
+    stage = design("vgtu-piezo")
+    exact = Scatter(neck_common=0.0, neck_own=0.0, position=0.0, modulus=0.0)
+    plain, measured = (
+        as_built(stage, scatter=exact, widths=w) for w in (None, read_neck_widths(path, stage))
+    )
+    one, other = (modes(b.system, count=2).frequency_hz for b in (plain, measured))
+    assert other == pytest.approx(one, rel=1e-4)
+    assert any("in place of which necks meet the published" in note for note in measured.notes)
+
+
+def test_a_study_measures_the_stage_with_its_necks(tmp_path: Path) -> None:
+    path = table(tmp_path, "drawn [um],measured [um]", "250,220", "250,221", "250,219")
+    request = StudyRequest(model=("lumped",), parts=("virtual",))
+
+    def frequency(**more: object) -> float:
+        rows = run_study(STAGE, request, **more).virtual.data()["characteristics"]
+        (row,) = [r for r in rows if r["quantity"] == "natural_frequency_hz"]
+        return row["value"]
+
+    # stiffness of notches goes with the power 5/2 of their thickness
+    share = (1.0 - 30e-6 / 500e-6) ** 1.25
+    assert frequency(widths=str(path)) / frequency() == pytest.approx(share, rel=0.02)

@@ -19,6 +19,7 @@ from flexstage.fem.substructure import Placed
 from flexstage.stage import Stage
 from flexstage.system.mechanical import STANDARD_GRAVITY
 from flexstage.system.stress_map import StressByForces, StressMap, StressOfForces
+from flexstage.system.thermal_transient import heats
 
 # what a load does inside the bodies, of all that it does, below which it is rounding
 _NOTHING = 1e-10
@@ -220,7 +221,7 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
     forces = np.zeros((len(stage_load_names), n))
     lifted = lifted_probes(stage) if way.out_of_plane else {}
     probes = {name: np.zeros(n) for name in (lifted or (p.name for p in stage.probes))}
-    shares, bodies = [], {}
+    shares, bodies, heated = [], {}, {}
     for b, (p, c) in enumerate(zip(placed, condensed, strict=True)):
         at = np.concatenate((index[b], inner))
         local = np.zeros((c.stiffness.shape[0], at.size))
@@ -246,6 +247,9 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
         motion = np.zeros((3, n))
         motion[:, at] = way.transferred(acting[:3], own_centre(p, c), wholes[b].centre)
         bodies[p.body.name] = wholes[b].centre, motion
+        if "temperature" in loads and heats(stage):
+            heated[p.body.name] = np.zeros(n)
+            heated[p.body.name][at] = stiff * loads["temperature"].parts[b] @ acting
     return Joint(
         blocks=((K, M),),
         coordinates=tuple(names),
@@ -256,6 +260,7 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
             loads={
                 key: (f, loads[key].unit) for key, f in zip(stage_load_names, forces, strict=True)
             },
+            heated=heated,
         ),
         shares=tuple(shares),
     )
@@ -374,7 +379,7 @@ def joined_stress(
     )
 
 
-def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+def lowest(stage: Stage, joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the lowest modes of a stage and its static responses to drives, probes and loads.
 
     Returns the frequencies of the new coordinates [rad/s], shape (r,), of which the first `count`
@@ -395,12 +400,7 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         raise ModelError(
             "a body has no mass or is not attached, so the stage has no natural frequencies"
         ) from error
-    ports = joint.ports
-    vectors = [
-        *ports.drives.values(),
-        *ports.probes.values(),
-        *(v for v, _ in ports.loads.values()),
-    ]
+    vectors = joint.ports.static_vectors(stage)
     if not vectors or count == n:
         return omega, size[:, None] * modes, np.ones(count, dtype=bool)
     forces = size[:, None] * np.array(vectors).T

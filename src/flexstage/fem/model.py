@@ -22,6 +22,7 @@ from flexstage.fem.stage_system import (
     Supports,
     attached_masses,
     body_motion,
+    body_regions,
     drive_vector,
     lifted_probes,
     probe_vector,
@@ -33,6 +34,7 @@ from flexstage.stage import MassProperties, Stage, mass_properties
 from flexstage.system import MechanicalSystem
 from flexstage.system.mechanical import STANDARD_GRAVITY
 from flexstage.system.stress_map import StressMap
+from flexstage.system.thermal_transient import heats
 
 # what is left of a response once the others are taken out of it, below which it is rounding
 _DEPENDENT = 1e-12
@@ -239,8 +241,17 @@ def _uncoupled(
             d.name: drive_vector(continuum, stage, d, faces.patches, supports) for d in stage.drives
         }
         probes = {p.name: probe_vector(continuum, stage, p) for p in stage.probes}
-    vectors = [*drives.values(), *probes.values(), *(v for v, _ in loads.values())]
-    right = np.array(vectors).reshape(-1, continuum.size).T
+    bodies, heated = {}, {}
+    if not out_of_plane:
+        bodies = {
+            n: (p.centre, body_motion(continuum, stage, n, p.centre)) for n, p in masses.items()
+        }
+        if heats(stage) and stage.material.thermal_expansion is not None:
+            for name in masses:
+                where = continuum.mesh.MaterialCF({body_regions(stage, name): 1.0}, default=0.0)
+                heated[name] = continuum.thermal(where)
+    ports = Ports(drives=drives, probes=probes, bodies=bodies, loads=loads, heated=heated)
+    right = np.array(ports.static_vectors(stage)).reshape(-1, continuum.size).T
     omega, basis, is_mode = project(continuum, right, count, attached)
     progress.update("stress", 0.85)
     points = neck_points(continuum.mesh, stage)
@@ -251,12 +262,6 @@ def _uncoupled(
         for i, (w, m) in enumerate(zip(omega, is_mode, strict=True))
     ]
     continuum.release()
-    bodies = {}
-    if not out_of_plane:
-        bodies = {
-            n: (p.centre, body_motion(continuum, stage, n, p.centre)) for n, p in masses.items()
-        }
-    ports = Ports(drives=drives, probes=probes, bodies=bodies, loads=loads)
     return _UncoupledSystem(
         continuum=continuum,
         omega=omega,

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import ngsolve as ng
@@ -219,6 +219,18 @@ class Ports:
     """Centre [m] of each body and its motion there, shape (3, n)."""
     loads: Mapping[str, tuple[Array, str]]
     """Force on the coordinates, shape (n,), and unit of each load."""
+    heated: Mapping[str, Array] = field(default_factory=dict)
+    """Force on the coordinates for one kelvin of each body, shape (n,), where heat flows."""
+
+    def static_vectors(self, stage: Stage) -> list[Array]:
+        """Return the rows whose static responses are exact: with heat also of rotations."""
+        turned = dict.fromkeys(p.body for p in stage.probes) if self.heated else ()
+        return [
+            *self.drives.values(),
+            *self.probes.values(),
+            *(v for v, _ in self.loads.values()),
+            *(self.bodies[name][1][2] for name in turned),
+        ]
 
     def changed(self, change: Callable[[Array], Array]) -> "Ports":
         """Return them in other coordinates; `change` transforms rows."""
@@ -227,13 +239,14 @@ class Ports:
             probes={name: change(v) for name, v in self.probes.items()},
             bodies={name: (at, change(rows)) for name, (at, rows) in self.bodies.items()},
             loads={name: (change(v), unit) for name, (v, unit) in self.loads.items()},
+            heated={name: change(v) for name, v in self.heated.items()},
         )
 
 
 def side_by_side(parts: Sequence[Ports], sizes: Sequence[int]) -> Ports:
     """Combine the ports of decoupled motions with their numbers of coordinates.
 
-    Drives and bodies are those of the first.
+    Drives and bodies, also heated ones, are those of the first.
     """
     ends = np.cumsum(sizes)
     wider = [
@@ -249,6 +262,7 @@ def side_by_side(parts: Sequence[Ports], sizes: Sequence[int]) -> Ports:
         probes={name: v for ports in wider for name, v in ports.probes.items()},
         bodies=wider[0].bodies,
         loads={name: v for ports in wider for name, v in ports.loads.items()},
+        heated=wider[0].heated,
     )
 
 
@@ -283,7 +297,7 @@ def stage_system(
         if name in ports.probes
     ]
     bodies = tuple(
-        BodyPort(name=name, centre=centre, matrix=motion)
+        BodyPort(name=name, centre=centre, matrix=motion, thermal=ports.heated.get(name))
         for name, (centre, motion) in ports.bodies.items()
     )
     return MechanicalSystem(

@@ -78,6 +78,8 @@ class TwinRequest(Request):
     """
     axes: Annotated[tuple[str, ...], Written("NAMES", read=read_names, write=",".join)] = ()
     """Identifiers of its axes, such as "Z" or "X,Y" (default: 1,2,...)."""
+    widths: Annotated[str, Written("FILE")] | None = None
+    """Measured necks, as of tolerance: bias and scatter of those of the simulated stage."""
 
 
 _SECONDS = {"d": 86_400.0, "h": 3600.0, "min": 60.0}

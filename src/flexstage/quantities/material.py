@@ -13,6 +13,8 @@ _PLAUSIBLE = {
     "density": (1e-2, 1e5),
     "yield_strength": (1.0, 1e12),
     "fatigue_limit": (1.0, 1e12),
+    "thermal_conductivity": (1e-4, 1e5),
+    "specific_heat": (1.0, 1e5),
 }
 
 
@@ -44,6 +46,8 @@ class Material:
     """Coefficient of linear expansion near 20 degC [1/K]."""
     thermal_conductivity: Annotated[float, DIMENSIONS["conductivity"]] | None = None
     """Thermal conductivity near 20 degC [W/(m K)]."""
+    specific_heat: Annotated[float, DIMENSIONS["specific heat"]] | None = None
+    """Specific heat near 20 degC [J/(kg K)]."""
     source: str = ""
     """Source of the values."""
 
@@ -65,6 +69,9 @@ class Material:
 _ASM = "ASM Metals Handbook vol. 2 (1990), typical values"
 _MIL = "MIL-HDBK-5J (2003) and ASM Metals Handbook vol. 1-2 (1990), typical values"
 
+#: Specific heats are those of W. D. Callister, Fundamentals of Materials Science and Engineering,
+#: table B.8, of 17-4PH that of the AK Steel data sheet; for Ti-6Al-4V handbooks disagree (526 to
+#: 610), so that none is given.
 CATALOGUE: dict[str, Material] = {
     m.name: m
     for m in (
@@ -78,6 +85,7 @@ CATALOGUE: dict[str, Material] = {
             fatigue_cycles=5e8,
             thermal_expansion=23.6e-6,
             thermal_conductivity=130.0,
+            specific_heat=960.0,
             source=f"{_ASM}; yield 505 MPa as used by the study of the two XY stages "
             "(454.5 MPa is called 90 % of it), against 503 MPa in the handbook; fatigue: "
             "R. R. Moore rotating bending",
@@ -92,6 +100,7 @@ CATALOGUE: dict[str, Material] = {
             fatigue_cycles=5e8,
             thermal_expansion=23.6e-6,
             thermal_conductivity=167.0,
+            specific_heat=896.0,
             source=f"{_ASM}; fatigue: R. R. Moore rotating bending",
         ),
         Material(
@@ -104,6 +113,7 @@ CATALOGUE: dict[str, Material] = {
             fatigue_cycles=5e8,
             thermal_expansion=23.2e-6,
             thermal_conductivity=121.0,
+            specific_heat=875.0,
             source=f"{_ASM}; fatigue: R. R. Moore rotating bending",
         ),
         Material(
@@ -114,6 +124,7 @@ CATALOGUE: dict[str, Material] = {
             yield_strength=1170e6,
             thermal_expansion=10.8e-6,
             thermal_conductivity=17.9,
+            specific_heat=460.0,
             source=f"{_MIL}; yield: minimum of AMS 5604; conductivity: AK Steel 17-4 PH "
             "data sheet, at 149 degC",
         ),
@@ -127,6 +138,7 @@ CATALOGUE: dict[str, Material] = {
             fatigue_cycles=1e7,
             thermal_expansion=17.2e-6,
             thermal_conductivity=16.2,
+            specific_heat=500.0,
             source=f"{_MIL}; annealed",
         ),
         Material(
@@ -149,6 +161,7 @@ CATALOGUE: dict[str, Material] = {
             yield_strength=276e6,
             thermal_expansion=1.3e-6,
             thermal_conductivity=10.5,
+            specific_heat=500.0,
             source="Carpenter Technology, Invar 36 data sheet; annealed bar",
         ),
         Material(
@@ -158,6 +171,7 @@ CATALOGUE: dict[str, Material] = {
             density=2329.0,
             thermal_expansion=2.6e-6,
             thermal_conductivity=148.0,
+            specific_heat=700.0,
             source="M. A. Hopcroft, W. D. Nix, T. W. Kenny, J. MEMS 19 (2010) 229: in the plane of "
             "a (100) wafer along <110>; brittle, so no yield strength is given; as an isotropic "
             "stand-in it misses nu 0.36 through the wafer and G 50.9 GPa in its plane",

@@ -120,6 +120,11 @@ QUANTITIES: dict[str, Quantity] = {
             "thermal_rotation_in_place", "rad/K", "Thermal rotation, drives in place",
             "µrad/K", 1e6, 1e-12,
         ),
+        Quantity("drift_in_time", "m", "Thermal drift in time, largest", "µm", 1e6, 1e-13),
+        Quantity(
+            "rotation_in_time", "rad", "Thermal rotation in time, largest", "µrad", 1e6, 1e-12
+        ),
+        Quantity("thermal_time_constant", "s", "Thermal time constant", "s", 1.0),
         Quantity("out_of_plane_frequency_hz", "Hz", "Lowest mode out of plane", "Hz", 1.0),
         Quantity("out_of_plane_stiffness", "N/m", "Stiffness out of plane", "N/µm", 1e-6),
         Quantity("buckling_factor", "1", "Buckling factor", "", 1.0, at_least=1.0),

@@ -183,6 +183,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("Staircase", ""): ("noise.draw_staircase", "staircase"),
     ("Sweep", ""): ("sweep.draw_sweep", "sweep"),
     ("Sweep", "indices"): ("sweep.draw_indices", "sweep"),
+    ("ThermalTransient", ""): ("responses.draw_thermal_transient", "result"),
     ("ToleranceStudy", ""): ("distributions.draw_spreads", "study"),
     ("ToleranceStudy", "shares"): ("distributions.draw_shares", "study"),
     ("VerifiedStep", ""): ("tracking.draw_following", "step"),

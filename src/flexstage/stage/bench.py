@@ -1,4 +1,4 @@
-"""The bench of a stage, its base plate and its sensor holder, for thermal drift."""
+"""The bench of a stage, its base plate, sensor holder and air, for thermal drift."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -58,12 +58,13 @@ Expansion = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench(Request):
-    """Base plate and sensor holder of a stage, for its thermal drift.
+    """Base plate, sensor holder and air of a stage, for its thermal drift.
 
     Raises
     ------
     StageError
-        The holder has no length, or the length no holder.
+        The holder has no length, or the length no holder; the air changes without a film
+        coefficient, or nothing changes with a period.
     """
 
     one_value: ClassVar[bool] = True
@@ -85,6 +86,20 @@ class Bench(Request):
     """Largest change of temperature in either sense [K], over which the preload of drives is
     checked.
     """
+    film_coefficient: Annotated[float, DIMENSIONS["film coefficient"], POSITIVE] | None = None
+    """Heat flow from the surface of plate and drives to the air, per area and kelvin, 5 to 10 in
+    still air [W/(m^2 K)]; without it there is none.
+    """
+    mount_conductance: Annotated[float, DIMENSIONS["thermal conductance"], POSITIVE] | None = None
+    """Thermal conductance between each fixed body and the base [W/K]; where not given, fixed bodies
+    have the temperature of the base.
+    """
+    air_change: Annotated[float, DIMENSIONS["temperature"]] = 0.0
+    """Step of the temperature of the air, or amplitude with a period [K]."""
+    base_change: Annotated[float, DIMENSIONS["temperature"]] = 0.0
+    """The same of the temperature of the base [K]."""
+    period: Annotated[float, DIMENSIONS["time"], POSITIVE] | None = None
+    """Period of a sine by which air and base change, such as 24 hour [s]; steps where not given."""
 
     def __post_init__(self) -> None:
         # a class with slots is another than the one that super() knows
@@ -94,4 +109,14 @@ class Bench(Request):
                 "the holder of the sensors needs both its coefficient and its length, got only "
                 f"{'holder_length' if self.holder is None else 'holder'}: give holder and "
                 "holder_length, or neither"
+            )
+        if self.air_change and self.film_coefficient is None:
+            raise StageError(
+                "a change of the air needs film_coefficient, such as 5 W/m^2/K in still air: give "
+                "it, or omit air_change"
+            )
+        if self.period is not None and not (self.air_change or self.base_change):
+            raise StageError(
+                "a period needs air_change or base_change, the amplitude of what has it: give one, "
+                "or omit period"
             )

@@ -12,6 +12,20 @@ from flexstage.stage.seat import Preload, Seat, seats_stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DriveHeat:
+    """Heat of an actuator, for the thermal drift in time."""
+
+    capacity: Annotated[float, DIMENSIONS["heat capacity"], POSITIVE]
+    """Heat capacity [J/K]."""
+    conductance: Annotated[float, DIMENSIONS["thermal conductance"], POSITIVE]
+    """Thermal conductance from end to end, of a bar conductivity times area over length [W/K]."""
+    surface: Annotated[float, DIMENSIONS["area"], NOT_NEGATIVE] = 0.0
+    """Surface in the air [m^2]."""
+    power: Annotated[float, DIMENSIONS["power"], NOT_NEGATIVE] | None = None
+    """Constant heat in it [W]; of a stack, where not given, that of a rate and a loss factor."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Actuator:
     """Base class of actuators; use one of its kinds."""
 
@@ -29,6 +43,8 @@ class Actuator:
     """Length that expands with temperature [m]; in a stage the distance of its points where not
     given.
     """
+    heat: DriveHeat | None = None
+    """Its heat in time; without it, it has the mean temperature of its bodies and conducts none."""
 
     @property
     def stroke(self) -> float | None:
@@ -170,7 +186,7 @@ class Drive(Actuator):
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, f"drive '{self.name}'")
-        for part in (*self.seats, *filter(None, (self.preload,))):
+        for part in (*self.seats, *filter(None, (self.preload, self.heat))):
             require_ranges(part, StageError, f"drive '{self.name}'")
         if self.spring == 0.0 and (self.seats or self.preload):
             raise StageError(

@@ -297,8 +297,9 @@ def known_model(model: str) -> None:
 
 def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
     """Analyse a stage with several of `MODELS`."""
-    from flexstage.studies.stacks import stacks_at_work
+    from flexstage.studies.stacks import heated_by_stacks, stacks_at_work
 
+    stage = heated_by_stacks(stage, request.stacks)
     names = models_of(request.model)
     if not names:
         raise ModelError(f"--model names no model: choose from {', '.join(MODELS)}")

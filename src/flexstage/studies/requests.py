@@ -122,6 +122,10 @@ class StudyRequest(Request):
     """
     seed: Seed = 1
     """Random seed of the simulated stage, and of manufactured samples."""
+    widths: Annotated[str, Written("FILE")] | None = None
+    """Measured necks, as of tolerance: bias and scatter of the simulated stage, and scatter of
+    manufactured samples.
+    """
 
     @classmethod
     def of_models(cls, *model: ModelName) -> "StudyRequest":

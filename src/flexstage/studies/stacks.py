@@ -1,12 +1,13 @@
 """Stacks of a stage at work: their working lines, and what their amplifiers give."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from flexstage.base.errors import ModelError
 from flexstage.stage.assumptions import AMPLIFIER_CURRENT, VOLTAGE_RANGE
 from flexstage.stage.drive import PiezoStack
+from flexstage.stage.model import Stage
 from flexstage.stage.stack_supply import StackSupply
 from flexstage.studies.requests import StackOptions
 from flexstage.system import Analysis
@@ -47,6 +48,30 @@ def stacks_at_work(analysis: Analysis, options: StackOptions) -> tuple[StackAtWo
         for line in lines
         for rate in (_rate(analysis, line, options),)
     )
+
+
+def heated_by_stacks(stage: Stage, options: StackOptions) -> Stage:
+    """Return the stage whose stacks with heat but without power have that of a rate.
+
+    Raises
+    ------
+    ModelError
+        The rate is natural, which is known only after the analysis.
+    """
+    drives = []
+    lossy = options.rate is not None and options.loss_factor is not None
+    for drive in stage.drives:
+        if lossy and isinstance(drive, PiezoStack) and drive.heat and drive.heat.power is None:
+            if not isinstance(options.rate, int | float):
+                raise ModelError(
+                    f"the heat of stack '{drive.name}' in time needs --rate in Hz, got natural"
+                )
+            supply = stack_supply(drive, float(options.rate), options)
+            power = None if supply is None else supply.heat
+            drives.append(replace(drive, heat=replace(drive.heat, power=power)))
+        else:
+            drives.append(drive)
+    return replace(stage, drives=tuple(drives))
 
 
 def stack_supply(drive: PiezoStack, rate: float, options: StackOptions) -> StackSupply | None:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from flexstage.studies.measurement import MeasurementComparison
     from flexstage.studies.traditional import TraditionalComparison
     from flexstage.studies.virtual_experiments import CentringTrial
+    from flexstage.virtual.neck_widths import NeckWidths
 
 #: Options of the models in a study.
 _OPTIONS: Mapping[str, ModelOptions] = {
@@ -251,6 +252,11 @@ def run_study(
     if not models:
         raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
     memory = Memory(open_cache(cache))
+    widths = None
+    if request.widths is not None:
+        from flexstage.virtual.neck_widths import measured_necks
+
+        widths = measured_necks(request.widths, stage)
     runs: dict[str, ModelRun] = {}
     variants: dict[str, Analysis] = {}
     skipped: dict[str, str] = {}
@@ -291,7 +297,7 @@ def run_study(
     traditional = None
     if with_traditional:
         with progress.subtask(done / total, (done + _TRADITIONAL) / total):
-            traditional = _compared(stage, runs, request.seed, memory)
+            traditional = _compared(stage, runs, request.seed, memory, widths)
     study = Study(
         request=request,
         stage=stage,
@@ -312,6 +318,7 @@ def run_study(
             seed=request.seed,
             memory=memory,
             strokes=runs["plane"].strokes if "plane" in runs else (),
+            widths=widths,
         )
     of_stage = {verb: result for (verb, _), result in experiments.items() if verb != "verify"}
     of_axes = {axis: result for (verb, axis), result in experiments.items() if verb == "verify"}
@@ -336,15 +343,27 @@ def _recalled(
 
 
 def _compared(
-    stage: Stage, runs: Mapping[str, ModelRun], seed: int, memory: Memory
+    stage: Stage,
+    runs: Mapping[str, ModelRun],
+    seed: int,
+    memory: Memory,
+    widths: "NeckWidths | None",
 ) -> "TraditionalComparison":
     """Compare with traditional stages, with results of the models."""
     from flexstage.studies.traditional import compare_traditional
+    from flexstage.virtual.imperfections import Scatter
 
+    scatter = Scatter() if widths is None else widths.scattered(Scatter())
     system = runs["superelement"].analysis.system if "superelement" in runs else None
     strokes = runs["plane"].strokes if "plane" in runs else ()
     return memory.recall(
-        "traditional", compare_traditional, stage, system, strokes=strokes, seed=seed
+        "traditional",
+        compare_traditional,
+        stage,
+        system,
+        strokes=strokes,
+        seed=seed,
+        scatter=scatter,
     )
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from flexstage.centring.procedure import Centring
     from flexstage.fem.stroke import FiniteStroke
     from flexstage.studies.compensation import AxisExperiment
+    from flexstage.virtual.neck_widths import NeckWidths
 
 #: Scale of the centring: radius and initial eccentricity [m], and angles of its heads [rad].
 SCALE_RADIUS, ECCENTRICITY = 50e-3, 50e-6
@@ -68,20 +69,21 @@ def carry_out(
     seed: int,
     memory: Memory,
     strokes: "Sequence[FiniteStroke]" = (),
+    widths: "NeckWidths | None" = None,
 ) -> dict[tuple[str, str], Any]:
     """Return the results of experiments on the virtual stage, or the reasons for missing ones.
 
     Experiments are the measurement of the stage (``characterise``), the centring of a scale
     (``centre``), and the identification and compensation of the hysteresis of each axis with a
     piezo stack (``verify``). Results are by verb and axes. `system` is the dynamic model of the
-    stage, `strokes` are paths over the stroke by finite elements, if there are any. The seed is
-    that of the virtual stage, its measurement, noise, and graduation errors.
-    Results in the memory are not computed again.
+    stage, `strokes` are paths over the stroke by finite elements, if there are any, and `widths`
+    are measured necks. The seed is that of the virtual stage, its measurement, noise, and
+    graduation errors. Results in the memory are not computed again.
     """
     both = "".join(axis.name for axis in stage.axes)
     steps: dict[tuple[str, str], partial[Any]] = {}
     if measure:
-        steps["characterise", both] = partial(_characterise, stage, seed, tuple(strokes))
+        steps["characterise", both] = partial(_characterise, stage, seed, tuple(strokes), widths)
         steps["centre", both] = partial(_centre, stage, seed)
     for axis in stage.axes if compensate else ():
         if axis.drive is not None and isinstance(stage.drive(axis.drive), PiezoStack):
@@ -97,13 +99,14 @@ def carry_out(
 
 
 def _characterise(
-    stage: Stage, seed: int, strokes: "tuple[FiniteStroke, ...]"
+    stage: Stage, seed: int, strokes: "tuple[FiniteStroke, ...]", widths: "NeckWidths | None"
 ) -> MeasurementComparison:
     """Return simulated measurements without references, as published values are their input."""
     from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.virtual.as_built import as_built
 
-    built = as_built(stage, seed=seed, strokes={path.axis: path for path in strokes})
+    paths = {path.axis: path for path in strokes}
+    built = as_built(stage, seed=seed, strokes=paths, widths=widths)
     campaign = virtual_campaign(built, seed=seed)
     return compare_with_references(campaign.evaluated(), stage, Characteristics())
 

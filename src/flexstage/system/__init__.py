@@ -41,6 +41,12 @@ if TYPE_CHECKING:
         static_loads,
     )
     from flexstage.system.thermal import ThermalDrift, thermal_drift
+    from flexstage.system.thermal_transient import (
+        HeatNetwork,
+        ThermalTransient,
+        heat_network,
+        thermal_transient,
+    )
 
 __all__ = [
     "Analysis",
@@ -49,6 +55,7 @@ __all__ = [
     "Damping",
     "DriveCondition",
     "FrequencyResponse",
+    "HeatNetwork",
     "LossFactor",
     "MechanicalSystem",
     "ModalDamping",
@@ -60,6 +67,7 @@ __all__ = [
     "StaticSolution",
     "SystemBatch",
     "ThermalDrift",
+    "ThermalTransient",
     "TimeResponse",
     "analyse",
     "analyse_axis",
@@ -68,6 +76,7 @@ __all__ = [
     "coupled_axes",
     "drive_stiffness",
     "frequency_response",
+    "heat_network",
     "load_readings",
     "modes",
     "probe_stiffness",
@@ -78,6 +87,7 @@ __all__ = [
     "static_forces",
     "static_loads",
     "thermal_drift",
+    "thermal_transient",
     "time_response",
 ]
 

@@ -17,6 +17,7 @@ from flexstage.system.response import (
 )
 from flexstage.system.statics import AxisAnalysis
 from flexstage.system.thermal import thermal_notes
+from flexstage.system.thermal_transient import transient_notes
 
 _CONDITIONS: tuple[DriveCondition, ...] = ("removed", "in place", "locked")
 
@@ -101,6 +102,7 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
             *system.validity,
             *_missing(system, lowest_modes["removed"]),
             *thermal_notes(stage, system),
+            *transient_notes(stage, system),
         ),
         provenance=provenance(stage, system.settings),
         coupling=states.coupling,

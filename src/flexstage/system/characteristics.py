@@ -28,6 +28,7 @@ from flexstage.system.statics import (
     static_state,
 )
 from flexstage.system.thermal import drift_rows
+from flexstage.system.thermal_transient import time_constant_row, transient_rows
 
 
 def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:
@@ -278,6 +279,7 @@ def axis_characteristics(
     for quantity, value, note in (
         *_on_seats(stage, system, axis, float(frequency_hz[mode])),
         *_loaded(system, axis.probe),
+        *transient_rows(stage, system, axis.probe),
     ):
         add(quantity, value, note)
     for quantity, value, note, uncertainty in drift_rows(stage, system, axis.axis, axis.probe):
@@ -508,6 +510,8 @@ def stage_characteristics(
     add("mass", sum(masses.values()), "all bodies and the masses mounted on them")
     moving = sum(masses[body.name] for body in stage.bodies if not body.fixed)
     add("moving_mass", moving, "all bodies that are not fixed")
+    for quantity, value, note in time_constant_row(stage, system):
+        add(quantity, value, note)
     for quantity, value in zip(("width", "height", "thickness"), outer_size(stage), strict=True):
         add(quantity, value, "outlines of all bodies, without drives")
     if coupling is None or len(coupling.axes) < 2:

@@ -166,6 +166,10 @@ class BodyPort:
     """The point whose displacement is given [m]."""
     matrix: Array
     """Displacement x, y [m] and rotation [rad] for each coordinate, shape (3, n)."""
+    thermal: Array | None = None
+    """Force on each coordinate for one kelvin of this body alone, shape (n,); None where bodies do
+    not expand.
+    """
 
 
 def drive_port(drive: Drive, vector: Array, bodies: Sequence[BodyPort]) -> DrivePort:

@@ -137,14 +137,19 @@ def _state(stage: Stage, system: MechanicalSystem, bench: Bench, change: float) 
     for drive in stage.drives:
         if isinstance(drive, Force):
             continue
-        (x, y), (u, v) = drive.at
-        c, s = math.cos(drive.direction), math.sin(drive.direction)
-        distance = (x - u) * c + (y - v) * s
-        length = distance if drive.length is None else drive.length
+        distance, length = drive_lengths(drive)
         alone = ((drive.thermal_expansion or 0.0) - bench.base) * change
         free[drive.name] = alone * length + excess * (distance - length)
     load = excess / plate * system.load("temperature").vector
     return static_drives(stage, system, free, load=load)
+
+
+def drive_lengths(drive: Drive) -> tuple[float, float]:
+    """Return the distance of the points of a drive along it, and its length [m]."""
+    (x, y), (u, v) = drive.at
+    c, s = math.cos(drive.direction), math.sin(drive.direction)
+    distance = (x - u) * c + (y - v) * s
+    return distance, distance if drive.length is None else drive.length
 
 
 def _bench(stage: Stage) -> Bench:

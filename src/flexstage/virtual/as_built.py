@@ -43,6 +43,7 @@ from flexstage.virtual.imperfections import (
     random_guide,
 )
 from flexstage.virtual.model_path import ModelPath, model_paths
+from flexstage.virtual.neck_widths import NeckWidths
 from flexstage.virtual.stack import FINE_PLAYS, virtual_stack
 
 #: Samples of a conditioning cycle.
@@ -144,6 +145,7 @@ def as_built(
     scatter: Scatter | None = None,
     as_published: bool = True,
     strokes: Mapping[str, StrokeMotion] | None = None,
+    widths: NeckWidths | None = None,
 ) -> AsBuilt:
     """Return a virtual stage, on the lumped model.
 
@@ -153,7 +155,8 @@ def as_built(
     straightness, repeatability and the loops of the stacks, which no such model predicts, are
     assumed and drawn too. Where measured figures of the stage are published the virtual stage is
     set to them (necks to the natural frequencies), so that a measurement of it must reproduce them;
-    an axis of published straightness has a random path of this size.
+    an axis of published straightness has a random path of this size. Measured necks, by `widths`,
+    give the bias of the necks, and their scatter where none is given.
 
     Notes
     -----
@@ -170,8 +173,9 @@ def as_built(
     if not stage.axes:
         raise ModelError(f"stage '{stage.name}' has no axis: name a drive and a probe under 'axes'")
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
-    process = scatter or Scatter()
-    manufactured_stage = manufactured(stage, process, seed=seed)
+    process = scatter or (Scatter() if widths is None else widths.scattered(Scatter()))
+    cut = stage if widths is None else widths.biased(stage)
+    manufactured_stage = manufactured(cut, process, seed=seed)
     moved = displacements(stage, process, seed=seed)
     published_rows = Characteristics(stage.published).select(origin="published-measured")
     notes = [f"virtual stage, seed {seed}: simulated with random deviations, not measured"]
@@ -180,6 +184,14 @@ def as_built(
     if frequencies:
         manufactured_stage = _tuned(manufactured_stage, frequencies, moved)
         notes.append("necks are adjusted to the published measured natural frequencies")
+    if widths is not None:
+        notes.append(
+            widths.note(
+                "in place of which necks meet the published frequencies"
+                if frequencies
+                else "which its necks are"
+            )
+        )
     system = displaced_system(manufactured_stage, moved).with_damping(
         ModalDamping(ratio=VIRTUAL_DAMPING_RATIO)
     )

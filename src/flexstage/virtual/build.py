@@ -38,6 +38,7 @@ from flexstage.virtual.imperfections import (
 )
 from flexstage.virtual.laboratory import Hammer
 from flexstage.virtual.model_path import model_paths
+from flexstage.virtual.neck_widths import NeckWidths
 from flexstage.virtual.piezo_loop import amplifier_of, sampled_response
 from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage, stack_of
 from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
@@ -59,6 +60,7 @@ def virtual_stage(
     amplifier: Literal["voltage", "charge"] = "voltage",
     quiet: bool = False,
     scatter: bool = True,
+    widths: NeckWidths | None = None,
 ) -> PiezoStage | ScrewStage:
     """Return a stage that runs sample by sample.
 
@@ -85,6 +87,8 @@ def virtual_stage(
         Without noise, mains, drift, and steps of converters and sensors.
     scatter : bool
         With manufacturing scatter.
+    widths : NeckWidths, optional
+        Measured necks: their bias, where no measured frequencies are published, and their scatter.
 
     Returns
     -------
@@ -137,7 +141,9 @@ def virtual_stage(
         raise ModelError(
             f"a twin needs screws on all axes, or piezo stacks with a voltage range, got {kinds}"
         )
-    built = _manufactured(stage, model, seed, scatter=scatter, screws=screws)
+    process = Scatter() if widths is None else widths.scattered(Scatter())
+    exact = as_built(stage, seed=seed, scatter=_EXACT, widths=widths)
+    built = _manufactured(exact, model, seed, process if scatter else None, screws=screws)
     conditions = Conditions(
         sample_rate_hz=sample_rate_hz,
         seed=seed,
@@ -152,14 +158,16 @@ def virtual_stage(
     return _piezos(built, conditions, charge=amplifier == "charge")
 
 
-def _manufactured(stage: Stage, model: str, seed: int, *, scatter: bool, screws: bool) -> AsBuilt:
-    """Set the stage to the measured figures, then add the scatter of the process."""
-    exact = as_built(stage, seed=seed, scatter=_EXACT)
+def _manufactured(
+    exact: AsBuilt, model: str, seed: int, process: Scatter | None, *, screws: bool
+) -> AsBuilt:
+    """Add the scatter of a process to a stage that is set to the measured figures."""
+    stage = exact.stage
     specimen, moved, axes = exact.manufactured, {}, exact.axes
-    if scatter:
-        specimen = manufactured(exact.manufactured, Scatter(), seed=seed)
-        moved = displacements(stage, Scatter(), seed=seed)
-        paths = model_paths(stage, specimen, moved, exact.followed, Scatter(), seed=seed)
+    if process is not None:
+        specimen = manufactured(exact.manufactured, process, seed=seed)
+        moved = displacements(stage, process, seed=seed)
+        paths = model_paths(stage, specimen, moved, exact.followed, process, seed=seed)
         axes = tuple(
             replace(axis, guide=paths[axis.name].over(axis.guide)) if axis.name in paths else axis
             for axis in axes

@@ -1,4 +1,4 @@
-"""Frequency responses, magnitude and phase: Bode diagrams of models, and measurements."""
+"""Responses: Bode diagrams of models and measurements, and thermal drift in time."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -15,14 +15,16 @@ from flexstage.report.figures.style import (
     DASHED,
     INK,
     MUTED,
+    UM,
     add_legend,
     add_words,
+    label_axes,
     on_paper,
     panels,
     set_title,
 )
 from flexstage.stage import Stage
-from flexstage.system import Analysis, FrequencyResponse
+from flexstage.system import Analysis, FrequencyResponse, ThermalTransient
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -341,3 +343,22 @@ def _title(response: "MeasuredResponse", pairs: list[tuple[int, int]]) -> str:
     if response.variance is not None:
         words.append("band: 95 %")
     return ", ".join(words)
+
+
+def draw_thermal_transient(result: ThermalTransient) -> "Figure":
+    """Draw the readings of the probes in time, and below the temperatures of bodies and drives."""
+    figure, (upper, lower) = panels(6.4, 5.0, 2)
+    minutes = result.time / 60.0
+    for i, (probe, reading) in enumerate(result.readings.items()):
+        upper.plot(minutes, UM * reading, color=CYCLE[i % len(CYCLE)], linewidth=1.6, label=probe)
+    for change in result.bodies.values():
+        lower.plot(minutes, change, color=MUTED, linewidth=0.8)
+    for i, (drive, change) in enumerate(result.drives.items()):
+        lower.plot(minutes, change, color=CYCLE[i % len(CYCLE)], label=f"drive {drive}")
+    lower.plot([], [], color=MUTED, linewidth=0.8, label="bodies")
+    set_title(upper, "Thermal drift, drives in place")
+    label_axes(upper, "", "reading [µm, or µrad]")
+    label_axes(lower, "time [min]", "change of temperature [K]")
+    for axes in (upper, lower):
+        add_legend(axes)
+    return figure

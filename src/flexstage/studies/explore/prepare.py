@@ -24,7 +24,6 @@ from flexstage.studies.explore.figures import (
     requirement_of,
     requirements_of,
 )
-from flexstage.studies.explore.neck_widths import read_neck_widths
 from flexstage.studies.explore.optimise.default_requirements import (
     CHECK,
     default_requirements,
@@ -55,6 +54,7 @@ from flexstage.studies.explore.tolerance_choice import choose_tolerances
 from flexstage.studies.explore.variables import every_variable, listed, variables_of
 from flexstage.studies.explore.workers import Workers
 from flexstage.virtual.imperfections import Scatter
+from flexstage.virtual.neck_widths import measured_necks
 
 _PUBLISHED = "published"
 
@@ -207,13 +207,12 @@ def ready_tolerance(
     """Return the function that runs a tolerance analysis, and the search of tolerances."""
     if request.follow_necks and request.model == "lumped":
         raise ModelError("--follow-necks needs a --model other than lumped")
-    process, measured = scatter_of(request.scatter), None
-    if request.widths is not None:
+    process, measured = scatter_of(request.scatter), measured_necks(request.widths, stage)
+    if measured is not None:
         names = {text.partition("=")[0].strip() for text in request.scatter}
         if both := sorted(names & {"neck_common", "neck_own"}):
             raise ModelError(f"--widths gives the scatter of necks: omit --scatter {both[0]}=…")
-        measured = read_neck_widths(Path(request.widths), stage)
-        stage, process = measured.applied(stage, process)
+        stage, process = measured.biased(stage), measured.scattered(process)
     weights = {name: _weight(name, text) for name, text in _pairs(request.cost, "--cost")}
     if request.cost and request.target_yield is None:
         raise ModelError(

@@ -41,6 +41,7 @@ from flexstage.records.record import SIMULATED
 from flexstage.stage import Stage
 from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
+from flexstage.virtual.neck_widths import measured_necks
 
 _OPTIONS = ("seed", "model", "servo_rate", "amplifier", "fast", "scatter", "quiet")
 #: Line limit of a simulated controller, longer than that of a real one.
@@ -112,6 +113,7 @@ def simulated_controller(
         amplifier=request.amplifier,
         quiet=quiet,
         scatter=scatter,
+        widths=measured_necks(request.widths, stage),
     )
     identity = request.identity or ("C-884" if stage_in_time.kind == "screw" else "E-727")
     serial_number = f"twin-{request.seed}"
@@ -150,6 +152,7 @@ def played(
         seed=request.seed,
         sample_rate_hz=rate * max(1, round(request.servo_rate / rate)),
         amplifier=request.amplifier,
+        widths=measured_necks(request.widths, stage),
     )
     for file, record in zip(files, records, strict=True):
         if abs(record.sample_rate_hz - rate) > 1e-6 * rate:

@@ -58,8 +58,12 @@ class NeckWidths:
         between = max(float(np.var(means, ddof=1)) - within, 0.0)
         return float(np.sqrt(between * (1.0 + 1.0 / means.size) + within / means.size))
 
-    def applied(self, stage: Stage, scatter: Scatter) -> tuple[Stage, Scatter]:
-        """Return the stage with the measured bias of its necks, and the measured scatter about it.
+    def scattered(self, scatter: Scatter) -> Scatter:
+        """Return a process with the measured scatter of necks."""
+        return replace(scatter, neck_common=self.common, neck_own=self.individual)
+
+    def biased(self, stage: Stage) -> Stage:
+        """Return the stage with the measured bias of its necks.
 
         Raises
         ------
@@ -75,20 +79,24 @@ class NeckWidths:
                     f"which leaves nothing of hinge '{hinge.name}'"
                 )
             hinges.append(replace(hinge, profile=with_neck_thickness(hinge.profile, thickness)))
-        measured = replace(scatter, neck_common=self.common, neck_own=self.individual)
-        return replace(stage, hinges=tuple(hinges)), measured
+        return replace(stage, hinges=tuple(hinges))
 
-    def note(self) -> str:
-        """Return a sentence on bias and scatter."""
+    def note(self, bias: str = "to which the nominal figures refer") -> str:
+        """Return a sentence on bias and scatter, with a clause on the use of the bias."""
         parts = len(self.deviations)
         which = "of one part, for which this holds" if parts == 1 else f"of {parts} parts"
         words = "thinner" if self.bias < 0.0 else "thicker"
         return (
             f"{self.count} necks were measured, {which}: {readable('m', abs(self.bias))} {words} "
-            f"than drawn, to which the nominal figures refer; standard deviations "
+            f"than drawn, {bias}; standard deviations "
             f"{readable('m', self.common)} in common and {readable('m', self.individual)} each "
             f"({self.source})"
         )
+
+
+def measured_necks(file: str | None, stage: Stage) -> NeckWidths | None:
+    """Return the measured necks of an option ``--widths``; None without one."""
+    return None if file is None else read_neck_widths(Path(file), stage)
 
 
 def read_neck_widths(path: Path, stage: Stage) -> NeckWidths:
