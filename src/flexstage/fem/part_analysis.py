@@ -116,10 +116,6 @@ class Bodies(Continuum):
     `materials` gives each region's by its name. `fixed` is the regular expression of the fixed
     boundaries, `fixed_components` those of boundaries fixed in one direction, by ``x``, ``y``,
     ``z``; the mesh is curved to `order`, and `shift` is as of `Continuum` [rad^2/s^2].
-
-    Notes
-    -----
-    Loads by volume (gravity, temperature) are those of one material and are not available here.
     """
 
     def __init__(
@@ -141,18 +137,15 @@ class Bodies(Continuum):
             )
         of = [materials[name] for name in regions]
         super().__init__(
-            mesh, of[0], order=order, fixed=fixed, fixed_components=fixed_components, shift=shift
+            mesh,
+            of[0],
+            order=order,
+            fixed=fixed,
+            fixed_components=fixed_components,
+            shift=shift,
+            regions=materials,
         )
-        shear = [m.youngs_modulus / (2.0 * (1.0 + m.poissons_ratio)) for m in of]
-        first = [
-            2.0 * g * m.poissons_ratio / (1.0 - 2.0 * m.poissons_ratio)
-            for g, m in zip(shear, of, strict=True)
-        ]
-        # Both only ever multiply fields on the mesh, so that they may differ from region to region.
-        self.lame = ng.CoefficientFunction(first)
-        self.shear_modulus = ng.CoefficientFunction(shear)  # type: ignore[assignment]
         self.material = replace(of[0], name=" + ".join(dict.fromkeys(m.name for m in of)))
-        self._density = self._volume * ng.CoefficientFunction([m.density for m in of])
 
 
 _RIGID_MOTIONS = 6
