@@ -37,9 +37,10 @@ from flexstage.fem.substructure import Placed, Substructure, cut_free
 from flexstage.fem.superelement import SuperelementModel, superelement_model
 from flexstage.fem.whole_stage import plane_model, solid_model
 from flexstage.hinges import Leaf
+from flexstage.hinges.registry import with_neck_thickness
 from flexstage.lumped import lumped_system
 from flexstage.quantities.material import Material, material
-from flexstage.stage import Body, Circle, Hinge, Loop, Probe, Screw, Stage
+from flexstage.stage import Body, Circle, Hinge, Loop, Probe, Screw, Stage, check
 from flexstage.stage.designs import design
 from flexstage.studies.explore.deviations import Scatter
 from flexstage.studies.explore.manufactured_samples import process_of
@@ -694,3 +695,82 @@ def test_nothing_relates_to_an_expansion_of_nothing() -> None:
     stage = replace(stage, material=replace(ALUMINIUM, thermal_expansion=0.0))
     with pytest.raises(StageError, match=r"'platform' expands .* write 1e-12 1/K"):
         superelement_model(stage, cache=False)
+
+
+# --------------------------------------------------------------- leaves without a step
+
+
+def bent_leg(up: float, across: float) -> Stage:
+    """A leg from a rigid base up to a corner, and across to a rigid end, 0.5 mm thick."""
+    t, h = 0.5e-3, 0.25e-3
+
+    def box(x0: float, y0: float, x1: float, y1: float) -> Loop:
+        return Loop(((x0, y0), (x1, y0), (x1, y1), (x0, y1)))
+
+    def leaf(length: float) -> Leaf:
+        return Leaf(neck_thickness=t, leaf_length=length, notch_depth=0.0)
+
+    tip = (h + across, up + h)
+    return Stage(
+        name="leg",
+        thickness=5e-3,
+        material=ALUMINIUM,
+        bodies=(
+            Body(name="base", outline=box(-10e-3, -10e-3, 10e-3, 0.0), fixed=True, rigid=True),
+            Body(name="corner", outline=box(-h, up, h, up + t)),
+            Body(
+                name="end",
+                outline=box(tip[0], tip[1] - 5e-3, tip[0] + 10e-3, tip[1] + 5e-3),
+                rigid=True,
+            ),
+        ),
+        hinges=(
+            Hinge(
+                name="up",
+                bodies=("base", "corner"),
+                at=(0.0, 0.5 * up),
+                direction=0.5 * math.pi,
+                profile=leaf(up),
+            ),
+            Hinge(
+                name="across",
+                bodies=("corner", "end"),
+                at=(h + 0.5 * across, up + h),
+                direction=0.0,
+                profile=leaf(across),
+            ),
+        ),
+        probes=tuple(
+            Probe(name=name, body="end", at=tip, direction=angle)
+            for name, angle in (("x", 0.0), ("y", 0.5 * math.pi))
+        ),
+    )
+
+
+def test_a_leg_with_a_corner() -> None:
+    stage = bent_leg(12e-3, 9e-3)
+    assert check(stage) == ()
+    # Castigliano's theorem for the middle lines, with shear 6/5 V/GA and axial force
+    a, b, t, h = 12.25e-3, 9.25e-3, 0.5e-3, 5e-3
+    e, nu = ALUMINIUM.youngs_modulus, ALUMINIUM.poissons_ratio
+    bending, axial, shear = 12.0 / (e * h * t**3), 1.0 / (e * h * t), 2.4 * (1.0 + nu) / (e * h * t)
+    compliance = {
+        "x": bending * a**3 / 3.0 + axial * b + shear * a,
+        "y": bending * (b**2 * a + b**3 / 3.0) + axial * a + shear * b,
+    }
+    lumped = lumped_system(stage, plane="stress")
+    meshed = superelement_model(stage, plane="stress", cache=False).system
+    for probe, expected in compliance.items():
+        assert 1.0 / probe_stiffness(lumped, probe) == pytest.approx(expected, rel=1e-6)
+        # the corner itself is stiffer than its middle lines
+        assert 1.0 / probe_stiffness(meshed, probe) == pytest.approx(expected, rel=1.2e-2)
+    first = modes(plane_model(stage, plane="stress").system).frequency_hz[:3]
+    np.testing.assert_allclose(modes(meshed).frequency_hz[:3], first, rtol=1e-3)
+
+
+def test_a_leaf_on_wide_bodies_ends_as_they_do() -> None:
+    guide = leaf_guide()
+    flush = tuple(replace(h, profile=replace(LEAF, notch_depth=0.0)) for h in guide.hinges)
+    np.testing.assert_allclose(_hertz(replace(guide, hinges=flush)), _hertz(guide), rtol=1e-3)
+    thicker = with_neck_thickness(flush[0].profile, 0.51e-3)
+    assert (thicker.depth, thicker.root_height) == (0.0, 0.51e-3)

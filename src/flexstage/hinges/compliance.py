@@ -196,7 +196,9 @@ def _root(profile: Profile, nu: float, root_width: float, side: float) -> Array:
     width = float(np.clip(root_width, height, ROOT_SPREAD * height))
     x0 = 0.5 * profile.length
     e = 0.5 * profile.depth if profile.one_sided else 0.0
-    c = strip_compliance((x0, x0 + ROOT_REACH * height), width, e, nu, side)
+    # a strip that continues around a corner reaches to the middle of the corner
+    continues = not profile.depth and width < (1.0 + 1e-6) * height
+    c = strip_compliance((x0, x0 + (0.5 if continues else ROOT_REACH) * height), width, e, nu, side)
     # fan: mm M^2/h^3 over dh/2 and N^2/(pi/2 h) over dh
     fan = _FAN / 4.0 * (1.0 / height**2 - 1.0 / width**2)
     moment = np.array([e, -side * x0, 1.0])
