@@ -2,6 +2,9 @@
 
 Evidence (Finite elements): superelements (`plane`): ratio 0.003 %, frequencies 0.01 %, stress 0.4
 %; *consistency*
+
+Evidence (Finite elements): rigid bodies on leaves (beam with shear) 0.4 %; a leg with a corner
+(Castigliano) 1.2 %
 """
 
 import math
