@@ -224,6 +224,8 @@ def stages(draw: st.DrawFn) -> Stage:
             mounting_holes=tuple(draw(st.lists(circles, max_size=2))),
             fixed=draw(st.booleans()),
             extra_masses=tuple(draw(st.lists(extra_masses, max_size=1))),
+            material=draw(st.none() | materials),
+            rigid=draw(st.booleans()),
         )
         for name in body_names
     )

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from flexstage.base.errors import StageError
-from flexstage.hinges import RightCircular
+from flexstage.hinges import Leaf, RightCircular
 from flexstage.hinges.straight import CornerFilleted
 from flexstage.quantities.characteristic import Characteristic
 from flexstage.quantities.material import material
@@ -181,6 +181,29 @@ def test_the_opening_of_a_notch_is_not_a_slot_but_two_notches_side_by_side_are()
     small = notch("h", "a", "b", 2.0, 5.0, 90.0, radius=0.15e-3)
     near = body("b", box(0, 4 + 2 * 1.15, 9, 10))
     assert set(codes(stage_of(a, near, hinges=(small,)))) == {"narrow-notch", "root-off-body"}
+
+
+def test_strips_that_meet_in_a_corner_of_their_body_leave_no_slot() -> None:
+    def strip(name: str, a: str, b: str, x: float, y: float, deg: float) -> Hinge:
+        return Hinge(
+            name=name,
+            bodies=(a, b),
+            at=(x * 1e-3, y * 1e-3),
+            direction=math.radians(deg),
+            profile=Leaf(neck_thickness=1e-3, leaf_length=5e-3, notch_depth=0.0),
+        )
+
+    base, corner = body("base", box(-3, -3, 3, 0)), body("corner", box(0, 5, 1, 6))
+    end = body("end", box(6, 3, 9, 9))
+    up = strip("up", "base", "corner", 0.5, 2.5, 90.0)
+    across = strip("across", "corner", "end", 3.5, 5.5, 0.0)
+    assert codes(stage_of(base, corner, end, hinges=(up, across))) == []
+    # beside one another on one body they do
+    for x, found in ((1.85, []), (1.8, ["narrow-slot"]), (1.5, ["narrow-slot"])):
+        wide = body("wide", box(0, 5, 9, 9))
+        beside = strip("beside", "base", "wide", x, 2.5, 90.0)
+        first = strip("first", "base", "wide", 0.5, 2.5, 90.0)
+        assert codes(stage_of(base, wide, hinges=(first, beside))) == found
 
 
 def test_a_notch_that_its_body_fills_already_is_found() -> None:

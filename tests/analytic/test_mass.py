@@ -54,6 +54,27 @@ def test_plate_with_holes_and_extra_mass() -> None:
         assert got.inertia == pytest.approx(inertia, rel=1e-12)
 
 
+def test_a_body_of_steel_keeps_the_half_notches_of_the_plate() -> None:
+    # 31 x 17 mm and half a circular notch on its right side
+    steel, h, rho = material("Stainless steel 304"), 0.0085, ALUMINIUM.density
+    notch = RightCircular(neck_thickness=0.6e-3, radius=2e-3)
+    right = Loop(((0.047, 0.031), (0.06, 0.031), (0.06, 0.048), (0.047, 0.048)))
+    joint = Hinge(
+        name="h", bodies=("plate", "right"), at=(0.045, 0.04), direction=0.0, profile=notch
+    )
+    other = Body(name="right", outline=right)
+    found = mass_properties(alone(plate(material=steel), other, hinges=(joint,)))
+    area = 4.6e-3 * 2e-3 - math.pi * 2e-3**2 / 2.0
+    bodies = {"plate": steel.density * 0.031, "right": rho * 0.013}
+    for name, of_body in bodies.items():
+        expected = h * (of_body * 0.017 + rho * area)
+        assert found[name].mass == pytest.approx(expected, rel=1e-12)
+    # its inertia is that of a rectangle where it has no notch, in proportion to the density
+    bare = mass_properties(alone(plate(material=steel)))["plate"]
+    mass = steel.density * h * 0.031 * 0.017
+    assert bare.inertia == pytest.approx(mass * (0.031**2 + 0.017**2) / 12.0, rel=1e-12)
+
+
 def test_the_frame_does_not_matter() -> None:
     # a leg of 1 mg, half a metre from the origin: digits would be lost about the origin
     leg = Loop(((0.0, 0.0), (0.0007, 0.0), (0.0007, 0.0021), (0.0, 0.0021)))

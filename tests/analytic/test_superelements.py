@@ -2,6 +2,9 @@
 
 Evidence (Finite elements): superelements (`plane`): ratio 0.003 %, frequencies 0.01 %, stress 0.4
 %; *consistency*
+
+Evidence (Finite elements): rigid bodies on leaves (beam with shear) 0.4 %; a leg with a corner
+(Castigliano) 1.2 %
 """
 
 import math
@@ -15,7 +18,7 @@ import scipy.linalg
 import scipy.sparse
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, Mesh, MeshPoint, Pnt
 
-from flexstage.base.errors import ModelError
+from flexstage.base.errors import HingeError, ModelError, StageError
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem import mesh as plane_meshes
@@ -35,9 +38,15 @@ from flexstage.fem.model import StageModel
 from flexstage.fem.necks import IN_PLANE, layered_stress, neck_points, neck_stress
 from flexstage.fem.substructure import Placed, Substructure, cut_free
 from flexstage.fem.superelement import SuperelementModel, superelement_model
-from flexstage.fem.whole_stage import plane_model
-from flexstage.stage import Body, Circle, Loop, Screw
+from flexstage.fem.whole_stage import plane_model, solid_model
+from flexstage.hinges import Leaf
+from flexstage.hinges.registry import with_neck_thickness
+from flexstage.lumped import lumped_system
+from flexstage.quantities.material import Material, material
+from flexstage.stage import Body, Circle, Hinge, Loop, Probe, Screw, Stage, check
 from flexstage.stage.designs import design
+from flexstage.studies.explore.deviations import Scatter
+from flexstage.studies.explore.manufactured_samples import process_of
 from flexstage.system import (
     analyse_axis,
     modes,
@@ -45,6 +54,7 @@ from flexstage.system import (
     static_forces,
     static_loads,
 )
+from flexstage.system.thermal import why_no_drift
 from tests.hinged_bars import hinged_bars
 
 # Fine enough that the two meshes of one stage differ by less than the tolerances below.
@@ -565,3 +575,205 @@ def test_a_stage_without_frequencies_is_refused(
 def test_in_space_there_is_no_plane_state() -> None:
     with pytest.raises(ModelError, match="no plane state, got 'strain'"):
         superelement_model(hinged_bars(), space=True, plane="strain", cache=False)
+
+
+# --------------------------------------------------------------- bodies of another material
+
+STEEL = material("Stainless steel 304")
+ALUMINIUM = material("Al 7075-T6")
+LEAF = Leaf(neck_thickness=0.5e-3, leaf_length=15e-3, notch_depth=2e-3)
+APART = 28e-3  # of the two leaves
+
+
+def leaf_guide(platform: Material | None = None, *, rigid: bool = False) -> Stage:
+    """A platform of 40 x 15 mm on two leaves, symmetric about x = 0."""
+
+    def box(low: float, high: float) -> Loop:
+        return Loop(((-20e-3, low), (20e-3, low), (20e-3, high), (-20e-3, high)))
+
+    length = LEAF.length
+    return Stage(
+        name="guide",
+        thickness=5e-3,
+        material=ALUMINIUM,
+        bodies=(
+            Body(name="base", outline=box(-20e-3, 0.0), fixed=True, rigid=rigid),
+            Body(
+                name="platform",
+                outline=box(length, length + 15e-3),
+                material=platform,
+                rigid=rigid,
+            ),
+        ),
+        hinges=tuple(
+            Hinge(
+                name=name,
+                bodies=("base", "platform"),
+                at=(x, 0.5 * length),
+                direction=0.5 * math.pi,
+                profile=LEAF,
+            )
+            for name, x in (("left", -0.5 * APART), ("right", 0.5 * APART))
+        ),
+        probes=tuple(
+            Probe(name=name, body="platform", at=(x, length + 7.5e-3), direction=0.0)
+            for name, x in (("left", -20e-3), ("right", 20e-3))
+        ),
+    )
+
+
+def _hertz(stage: Stage, count: int = 3) -> np.ndarray:
+    return modes(superelement_model(stage, plane="stress", cache=False).system).frequency_hz[:count]
+
+
+def test_rigid_bodies_leave_the_lumped_model() -> None:
+    rigid = leaf_guide(rigid=True)
+    found = _hertz(rigid)
+    for method in ("wedge", "timoshenko"):
+        lumped = modes(lumped_system(rigid, method=method, plane="stress")).frequency_hz
+        np.testing.assert_allclose(lumped[:3], found, rtol=4e-3)
+    # two clamped and guided leaves, 12 E I/L^3 each, less their shear; 13/35 of them move along
+    e, nu, b, t = ALUMINIUM.youngs_modulus, ALUMINIUM.poissons_ratio, 5e-3, LEAF.neck_thickness
+    length = LEAF.length
+    stiffness = 2.0 * e * b * (t / length) ** 3 / (1.0 + 2.4 * (1.0 + nu) * (t / length) ** 2)
+    mass = ALUMINIUM.density * b * (40e-3 * 15e-3 + 26.0 / 35.0 * length * t)
+    expected = math.sqrt(stiffness / mass) / (2.0 * math.pi)
+    assert found[0] == pytest.approx(expected, rel=4e-3)
+    # elastic bodies give way at the roots: the model knows the difference
+    assert _hertz(leaf_guide())[0] < 0.98 * found[0]
+
+
+def test_a_platform_of_steel_is_heavier_by_its_density() -> None:
+    moving = [
+        m.density * 40e-3 * 15e-3 + ALUMINIUM.density * 26.0 / 35.0 * LEAF.length * 0.5e-3
+        for m in (STEEL, ALUMINIUM)
+    ]
+    steel, plain = (_hertz(leaf_guide(m, rigid=True))[0] for m in (STEEL, None))
+    assert steel / plain == pytest.approx(math.sqrt(moving[1] / moving[0]), rel=2e-4)
+
+
+def test_a_material_of_the_same_figures_changes_nothing() -> None:
+    plain = superelement_model(hinged_bars(), cache=False)
+    alike = replace(plain.stage.material, name="alike")
+    named = tuple(replace(b, material=alike) for b in plain.stage.bodies)
+    other = superelement_model(replace(plain.stage, bodies=named), cache=False)
+    pair = [modes(m.system).frequency_hz[:4] for m in (plain, other)]
+    np.testing.assert_allclose(*pair, rtol=1e-3)
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_other_bodies_in_one_mesh_of_the_stage(rigid: bool) -> None:
+    stage = leaf_guide(STEEL, rigid=rigid)
+    whole = plane_model(stage, plane="stress").system
+    np.testing.assert_allclose(modes(whole).frequency_hz[:3], _hertz(stage), rtol=1e-3)
+    condensed = superelement_model(stage, plane="stress", cache=False).system
+    for system in (whole, condensed):
+        sides = static_loads(system, {"temperature": 1.0}).readings
+        expected = (STEEL.thermal_expansion or 0.0) * 40e-3
+        assert sides["right"] - sides["left"] == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_other_bodies_in_space() -> None:
+    stage = leaf_guide(STEEL, rigid=True)
+    settings = MeshSettings(order=3, neck_size=1.2, grading=0.75)
+    flat = modes(superelement_model(stage, settings, space=True, cache=False).system)
+    solid = modes(solid_model(stage, settings).system)
+    np.testing.assert_allclose(flat.frequency_hz[:6], solid.frequency_hz[:6], rtol=3e-3)
+
+
+def test_what_knows_no_other_bodies_says_so() -> None:
+    stage = leaf_guide(STEEL)
+    with pytest.raises(HingeError, match="choose the method 'wedge'"):
+        lumped_system(stage, method="finite-element")
+    with pytest.raises(ModelError, match="'platform' is rigid or of another"):
+        process_of(stage, Scatter())
+    system = superelement_model(stage, supports="elastic", cache=False).system
+    assert any("platform: Stainless steel 304; half" in note for note in system.validity)
+    assert "bodies expand differently" in why_no_drift(stage, system)
+
+
+def test_nothing_relates_to_an_expansion_of_nothing() -> None:
+    stage = leaf_guide(STEEL)
+    stage = replace(stage, material=replace(ALUMINIUM, thermal_expansion=0.0))
+    with pytest.raises(StageError, match=r"'platform' expands .* write 1e-12 1/K"):
+        superelement_model(stage, cache=False)
+
+
+# --------------------------------------------------------------- leaves without a step
+
+
+def bent_leg(up: float, across: float) -> Stage:
+    """A leg from a rigid base up to a corner, and across to a rigid end, 0.5 mm thick."""
+    t, h = 0.5e-3, 0.25e-3
+
+    def box(x0: float, y0: float, x1: float, y1: float) -> Loop:
+        return Loop(((x0, y0), (x1, y0), (x1, y1), (x0, y1)))
+
+    def leaf(length: float) -> Leaf:
+        return Leaf(neck_thickness=t, leaf_length=length, notch_depth=0.0)
+
+    tip = (h + across, up + h)
+    return Stage(
+        name="leg",
+        thickness=5e-3,
+        material=ALUMINIUM,
+        bodies=(
+            Body(name="base", outline=box(-10e-3, -10e-3, 10e-3, 0.0), fixed=True, rigid=True),
+            Body(name="corner", outline=box(-h, up, h, up + t)),
+            Body(
+                name="end",
+                outline=box(tip[0], tip[1] - 5e-3, tip[0] + 10e-3, tip[1] + 5e-3),
+                rigid=True,
+            ),
+        ),
+        hinges=(
+            Hinge(
+                name="up",
+                bodies=("base", "corner"),
+                at=(0.0, 0.5 * up),
+                direction=0.5 * math.pi,
+                profile=leaf(up),
+            ),
+            Hinge(
+                name="across",
+                bodies=("corner", "end"),
+                at=(h + 0.5 * across, up + h),
+                direction=0.0,
+                profile=leaf(across),
+            ),
+        ),
+        probes=tuple(
+            Probe(name=name, body="end", at=tip, direction=angle)
+            for name, angle in (("x", 0.0), ("y", 0.5 * math.pi))
+        ),
+    )
+
+
+def test_a_leg_with_a_corner() -> None:
+    stage = bent_leg(12e-3, 9e-3)
+    assert check(stage) == ()
+    # Castigliano's theorem for the middle lines, with shear 6/5 V/GA and axial force
+    a, b, t, h = 12.25e-3, 9.25e-3, 0.5e-3, 5e-3
+    e, nu = ALUMINIUM.youngs_modulus, ALUMINIUM.poissons_ratio
+    bending, axial, shear = 12.0 / (e * h * t**3), 1.0 / (e * h * t), 2.4 * (1.0 + nu) / (e * h * t)
+    compliance = {
+        "x": bending * a**3 / 3.0 + axial * b + shear * a,
+        "y": bending * (b**2 * a + b**3 / 3.0) + axial * a + shear * b,
+    }
+    lumped = lumped_system(stage, plane="stress")
+    meshed = superelement_model(stage, plane="stress", cache=False).system
+    for probe, expected in compliance.items():
+        assert 1.0 / probe_stiffness(lumped, probe) == pytest.approx(expected, rel=1e-6)
+        # the corner itself is stiffer than its middle lines
+        assert 1.0 / probe_stiffness(meshed, probe) == pytest.approx(expected, rel=1.2e-2)
+    first = modes(plane_model(stage, plane="stress").system).frequency_hz[:3]
+    np.testing.assert_allclose(modes(meshed).frequency_hz[:3], first, rtol=1e-3)
+
+
+def test_a_leaf_on_wide_bodies_ends_as_they_do() -> None:
+    guide = leaf_guide()
+    flush = tuple(replace(h, profile=replace(LEAF, notch_depth=0.0)) for h in guide.hinges)
+    np.testing.assert_allclose(_hertz(replace(guide, hinges=flush)), _hertz(guide), rtol=1e-3)
+    thicker = with_neck_thickness(flush[0].profile, 0.51e-3)
+    assert (thicker.depth, thicker.root_height) == (0.0, 0.51e-3)

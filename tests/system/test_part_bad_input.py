@@ -2,6 +2,7 @@
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from flexstage.elasticity.requests import PartRequest
 from flexstage.elasticity.resources import memory_needed, require_memory
 from flexstage.fem.interface import interface_modes, interface_ratio, interface_stiffness
 from flexstage.fem.part import Part, read_step
-from flexstage.fem.part_analysis import Bodies, analyse_part
+from flexstage.fem.part_analysis import Bodies, analyse_part, part_interfaces
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.quantities.material import material
 
@@ -374,6 +375,25 @@ def test_faces_that_lie_apart_are_interfaces_of_their_own() -> None:
     assert 0.95 * euler < found["mean"].frequency_hz[0] < found["rigid"].frequency_hz[0]
     assert found["rigid"].frequency_hz[0] < 1.01 * euler
 
+    # so it is where both have one name; joined by a plus sign touching faces are one interface
+    named = occ.Box((0, 0, 0), (40.0, 3.0, 2.0))
+    for f in named.faces:
+        f.name = "end" if abs(f.center.x - 20.0) > 1.0 else None
+    again = analyse_part(
+        Part.from_shape(named),
+        STEEL,
+        PartRequest(hold=("end",), order=2, size=5e-3, modes=2, interfaces="mean"),
+    )
+    assert [i.name for i in again.fixed_interfaces] == ["end.1", "end.2"]
+    np.testing.assert_allclose(
+        again.results["mean"].frequency_hz, found["mean"].frequency_hz, rtol=1e-6
+    )
+    words = (f"{left[0]}+{top[0]}", *right)
+    joined = part_interfaces(part, words)
+    assert [(i.name, len(i.faces)) for i in joined] == [(words[0], 2), (words[1], 1)]
+    assert joined[0].area == pytest.approx(b * h + length * b)
+    assert [len(i.faces) for i in part_interfaces(part, (*left, *top, "x-min"))] == [1, 1]
+
     # it is the same in whatever order they are named, and two that move as one are the stiffer
     mesh = part.mesh(PartMesh(order=1, size=5e-3))
     free = Continuum(mesh, STEEL, order=2, shift=(2e3 * math.pi) ** 2)
@@ -389,4 +409,45 @@ def test_faces_that_lie_apart_are_interfaces_of_their_own() -> None:
         free, faces, part.boundary(part.select("y", "max")), ends[::-1], rigid=False
     )
     np.testing.assert_allclose(other.motion, ratio.motion, atol=1e-6 * abs(ratio.motion).max())
-    assert part.touching((*left, *top, *right)) == [(*left, *top, *right)]
+    names = [f.name for f in part.faces]
+    lid, ends_too = names.index(*top), [names.index(*end) for end in (left, right)]
+    assert part.touching([*ends_too, lid]) == [(*ends_too, lid)]
+    assert part.touching(ends_too) == [(k,) for k in ends_too]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("meshed_here")
+def test_rigid_and_mean_interfaces_bracket_a_part_on_stiff_blocks() -> None:
+    # a plate on three short legs whose feet have one name, with the first foot in two pieces, on
+    # blocks with 500 times its modulus: the plate and the blocks as a whole need no interface
+    plate = occ.Box((0, 0, 0), (30.0, 10.0, 2.0))
+    corners = ((1.0, 1.0), (1.0, 6.0), (26.0, 3.0))
+    for x, y in corners:
+        plate += occ.Box((x, y, -0.4), (x + 3.0, y + 3.0, 0.0))
+    half = occ.Box((1.0, 1.0, -1.0), (2.0, 4.0, -0.4))
+    shape = occ.Glue([plate.solids[0], half]).solids[0]
+    for f in shape.faces:
+        f.name = "foot" if abs(f.center.z + 0.4) < 1e-9 else None
+    part = Part.from_shape(shape)
+    request = PartRequest(hold=("foot",), order=2, size=4e-3, modes=3, thin=0.0)
+    found = analyse_part(part, STEEL, request)
+    assert [i.name for i in found.fixed_interfaces] == ["foot.1", "foot.2", "foot.3"]
+    centres = sorted(i.centre[:2] for i in found.fixed_interfaces)
+    np.testing.assert_allclose(centres, 1e-3 * np.add(corners, 1.5))
+    assert sorted(len(i.faces) for i in found.fixed_interfaces) == [1, 1, 2]
+
+    blocks = [occ.Box((x - 1, y - 1, -5.0), (x + 4, y + 4, -0.4)) for x, y in corners]
+    whole = Part.from_shape(occ.Glue([plate.solids[0], *blocks]))
+    stiff = replace(STEEL, youngs_modulus=500.0 * STEEL.youngs_modulus, density=1.0)
+    truth = (
+        analyse_part(
+            whole,
+            {"body1": STEEL} | dict.fromkeys(whole.bodies[1:], stiff),
+            PartRequest(hold=("z-min",), order=2, size=4e-3, modes=3, thin=0.0, interfaces="rigid"),
+        )
+        .results["rigid"]
+        .frequency_hz
+    )
+    mean, rigid = (found.results[k].frequency_hz for k in ("mean", "rigid"))
+    assert (mean < truth).all()
+    assert (truth < rigid).all()

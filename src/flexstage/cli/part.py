@@ -118,6 +118,22 @@ def _print_analysis(screen: "Console", analysis: "PartAnalysis") -> None:
             for k in range(count)
         )
         print_table(screen, f"natural frequencies in Hz, {support}", ("mode", *columns), rows)
+    interfaces = (*analysis.fixed_interfaces, *analysis.moved_interfaces)
+    if len(interfaces) > 2:
+        purposes = ["fixed"] * len(analysis.fixed_interfaces)
+        purposes += ["moved"] * len(analysis.moved_interfaces)
+        interface_rows = (
+            (
+                i.name,
+                purpose,
+                ", ".join(analysis.part.faces[k].name for k in i.faces),
+                f"{i.area * 1e6:.4g}",
+                _millimetres(analysis.part, i.centre),
+            )
+            for i, purpose in zip(interfaces, purposes, strict=True)
+        )
+        heads = ("interface", "<", "<faces", "area, mm²", "<centre, mm")
+        print_table(screen, "interfaces", heads, interface_rows)
     at = _millimetres(analysis.part, analysis.at)
     for kind, result in analysis.results.items():
         if result.stiffness is not None:
@@ -136,7 +152,9 @@ def _print_analysis(screen: "Console", analysis: "PartAnalysis") -> None:
             )
     _ratio(screen, analysis)
     advice = (
-        "; a real part usually lies between rigid and mean interfaces" if len(kinds) > 1 else ""
+        "; a part on stiff attachments that cover its interfaces lies between rigid and mean ones"
+        if len(kinds) > 1
+        else ""
     )
     note = (
         f"{analysis.elements} elements of order {analysis.order}, {analysis.unknowns} unknowns; "

@@ -73,6 +73,8 @@ class Continuum:
     shift : float
         Adds this multiple of the mass matrix to the stiffness [rad^2/s^2], so that a free part can
         be solved; its modes are still found.
+    regions : Mapping
+        Materials of regions that are of another one, by their names.
 
     Raises
     ------
@@ -98,6 +100,7 @@ class Continuum:
         fixed_components: Mapping[str, str] | None = None,
         copies: int = 1,
         shift: float = 0.0,
+        regions: Mapping[str, Material] | None = None,
     ) -> None:
         if (thickness is None) != (mesh.dim == 3):
             raise ModelError(
@@ -111,26 +114,32 @@ class Continuum:
         self.shift = shift
         self._matrices: dict[str, Any] = {}  # stiffness and mass, whatever holds the part
         self._set_supports(fixed, fixed_components or {})
-        modulus, poisson = material.youngs_modulus, material.poissons_ratio
-        self.shear_modulus = modulus / (2.0 * (1.0 + poisson))
-        first = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+        self.materials = [(regions or {}).get(name, material) for name in mesh.GetMaterials()]
+        self.shear_modulus = self._by_region(
+            lambda m: m.youngs_modulus / (2.0 * (1.0 + m.poissons_ratio))
+        )
+        self.density = self._by_region(lambda m: m.density)
         if self.dimension == 2:
+            wide = mesh.Materials(strain).Mask() if strain else [False] * len(self.materials)
             # plane stress is three-dimensional elasticity with another first Lamé constant
-            flat = modulus * poisson / (1.0 - poisson**2)
-            wide = mesh.Materials(strain).Mask() if strain else None
             self.lame = ng.CoefficientFunction(
-                [first if wide is not None and wide[i] else flat for i in range(_regions(mesh))]
+                [first_lame(m, flat=not wide[i]) for i, m in enumerate(self.materials)]
             )
             self.in_strain = ng.CoefficientFunction(
-                [float(wide is not None and wide[i]) for i in range(_regions(mesh))]
+                [float(wide[i]) for i in range(len(self.materials))]
             )
         else:
-            self.lame = ng.CoefficientFunction(first)
+            self.lame = ng.CoefficientFunction(self._by_region(first_lame))
             self.in_strain = ng.CoefficientFunction(1.0)
         # A gradient is by millimetres. What is left of a volume integral of two gradients:
         self._measure = copies * (thickness if thickness is not None else 1.0 / METRE)
         self._volume = self._measure / METRE**2
-        self._density: Any = self._volume * material.density
+        self._density: Any = self._volume * self.density
+
+    def _by_region(self, figure: Callable[[Material], float]) -> Any:
+        """Return a figure of its material, or a function on the mesh where it has several."""
+        values = [figure(m) for m in self.materials]
+        return values[0] if len(set(values)) == 1 else ng.CoefficientFunction(values)
 
     def _set_supports(self, fixed: str, fixed_components: Mapping[str, str]) -> None:
         parts = {f"dirichlet{c}": names for c, names in fixed_components.items()}
@@ -451,8 +460,11 @@ class Continuum:
         numpy.ndarray
             Shape (n,).
         """
-        scale = self.material.density * acceleration
-        return self.force(".*", [scale * c for c in direction])
+        scale = self.density * acceleration
+        components = tuple(scale * c for c in direction)[: self.dimension]
+        if isinstance(scale, float):
+            return self.force(".*", components)
+        return self.force(".*", ng.CoefficientFunction(components))
 
     def thermal(self, change: ng.CoefficientFunction | float) -> Array:
         r"""Return the load of a change of temperature, :math:`\int\alpha T\,(C:I):\varepsilon(v)`.
@@ -472,14 +484,14 @@ class Continuum:
         Raises
         ------
         ModelError
-            The material has no coefficient of expansion.
+            A material has no coefficient of expansion.
         """
-        expansion = self.material.thermal_expansion
-        if expansion is None:
-            raise ModelError(
-                f"material '{self.material.name}' gives no thermal_expansion: add it to the "
-                "material"
-            )
+        for material in self.materials:
+            if material.thermal_expansion is None:
+                raise ModelError(
+                    f"material '{material.name}' gives no thermal_expansion: add it to the material"
+                )
+        expansion = self._by_region(lambda m: m.thermal_expansion or 0.0)
         pressure = (self.dimension * self.lame + 2.0 * self.shear_modulus) * expansion * change
         v = self.space.TestFunction()
         # one gradient is by millimetres
@@ -608,7 +620,7 @@ class Continuum:
         function = self.field(u)
         gradient = METRE * ng.Grad(function)
         d = self.dimension
-        alpha = self.material.thermal_expansion or 0.0
+        alpha = self._by_region(lambda m: m.thermal_expansion or 0.0)
         strain = ng.Sym(gradient) - alpha * change * ng.Id(d)
         trace = sum(strain[i, i] for i in range(d))
         inner = self.lame * trace * ng.Id(d) + 2.0 * self.shear_modulus * strain
@@ -622,8 +634,12 @@ class Continuum:
         )
 
 
-def _regions(mesh: ng.Mesh) -> int:
-    return len(mesh.GetMaterials())
+def first_lame(material: Material, *, flat: bool = False) -> float:
+    """Return the first Lamé constant [Pa]; `flat`, that which makes it plane stress."""
+    modulus, poisson = material.youngs_modulus, material.poissons_ratio
+    if flat:
+        return modulus * poisson / (1.0 - poisson**2)
+    return modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
 
 
 def rigid_fields(at: Sequence[float]) -> list[ng.CoefficientFunction]:

@@ -71,7 +71,7 @@ class Loaded(Continuum):
         density = self.lame * ng.Trace(da) * ng.Trace(db)
         density += 2.0 * self.shear_modulus * ng.InnerProduct(da, db)
         density += ng.InnerProduct(stress, a.trans * b)  # what the stress adds
-        density += self.shift * self.material.density * ng.InnerProduct(trial, test)
+        density += self.shift * self.density * ng.InnerProduct(trial, test)
         form = ng.BilinearForm(self.space, symmetric=True, condense=True)
         form += volume_unit(self) * density * ng.dx
         return form

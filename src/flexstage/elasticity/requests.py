@@ -63,8 +63,9 @@ class PartRequest(Request):
     kg/m^3".
     """
     hold: Faces = ()
-    """Fixed faces, separated by commas: names, or x-min, z-max, ... for the plane faces at an end
-    of the part.
+    """Fixed faces: names, or x-min, z-max, ... for the plane faces at an end of the part. A comma
+    separates interfaces and a plus sign joins faces in one, such as face3+face4,face7; faces that
+    do not touch are interfaces of their own.
     """
     move: Faces = ()
     """Faces to move: their stiffness against the fixed faces is computed."""
@@ -77,9 +78,7 @@ class PartRequest(Request):
     the drive is computed, with one end fixed.
     """
     interfaces: Literal["rigid", "mean", "both"] = "both"
-    """Fixed, moved and pushed faces are rigid, or deformable with their mean motion prescribed,
-    fixed and moved ones for each group that touches.
-    """
+    """Fixed, moved and pushed faces are rigid, or deformable with their mean motion prescribed."""
     order: Annotated[int, Range(low=0, high=8)] = 3
     """Order of the elements; 0 lists the faces only."""
     size: Annotated[Length, POSITIVE, Written("LENGTH", bare="mm")] | None = None

@@ -150,7 +150,7 @@ def _headed(text: str, stage: Stage) -> str:
     begin = text.index("DATA;")
     description = (
         f"plate of the flexure stage {stage.name}, {stage.thickness * 1e3:.10g} mm thick, "
-        f"{stage.material.name}; millimetres; z = 0 is the middle plane"
+        f"{stage.materials}; millimetres; z = 0 is the middle plane"
     )
     name, title = _quoted(stage.name), _quoted(stage.title or stage.name)
     program = _quoted(f"flexstage {__version__}")

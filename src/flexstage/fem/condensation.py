@@ -23,6 +23,7 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import (
     MOUNTING,
     StageFaces,
+    body_region,
     either,
     exactly,
     notch_region,
@@ -47,7 +48,7 @@ from flexstage.fem.notch_block import (
     neck_tractions,
 )
 from flexstage.fem.plane_integrals import PlaneIntegrals
-from flexstage.fem.stage_system import drive_vector, rigid_regions
+from flexstage.fem.stage_system import drive_vector, region_materials, rigid_regions
 from flexstage.fem.substructure import BODY, PointReading, Substructure
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.stage import MassProperties, mass_properties
@@ -486,7 +487,11 @@ def _meshed(part: Substructure) -> tuple[StageFaces, PlaneIntegrals, list[Array]
     faces = stage_faces(part.stage(), [BODY])
     mesh = mesh_without_slivers(part.stage(), faces, part.mesh)
     plane = PlaneIntegrals(
-        mesh, order=part.mesh.order, fixed=MOUNTING if part.fixed else "", strain=_strained(part)
+        mesh,
+        order=part.mesh.order,
+        fixed=MOUNTING if part.fixed else "",
+        strain=_strained(part),
+        other=either(region_materials(part.stage())),
     )
     return faces, plane, edge_means(mesh, part.mesh.order, part.necks)
 
@@ -512,6 +517,7 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _MeshedB
             )
             for i, n in enumerate(part.necks)
         ],
+        other=region_materials(stage).get(body_region(BODY)),
     )
     motions = neck_motions(through, plane.order).every
     rows = [np.zeros((0, plate.size))]

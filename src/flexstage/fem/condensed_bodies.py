@@ -60,6 +60,8 @@ def changed_necks(before: Substructure, after: Substructure) -> list[ChangedNeck
     """
     if len(before.necks) != len(after.necks):
         return []
+    if before.rigid or before.body_material is not None:
+        return []  # the block of the body about a neck would be of another material
     same = tuple(
         replace(new, profile=old.profile, contour=old.contour)
         for old, new in zip(before.necks, after.necks, strict=True)

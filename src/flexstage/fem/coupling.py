@@ -95,7 +95,7 @@ def stage_loads(
             sizes[i] = weight * heavy * c.inertia[0]
             for e in () if p.body.fixed else p.body.extra_masses:
                 sizes[:3] += weight * e.mass * way.read(own_centre(p, c), e.at)[i]
-    if stage.material.thermal_expansion is not None:
+    if stage.expands:
         fields = {name: way.loads.index(name) for name in way.loads if "temperature" in name}
         total = sum(w.mass for w in wholes)
         middle = [sum(w.mass * w.centre[i] for w in wholes) / total for i in (0, 1)]

@@ -5,7 +5,7 @@ for the other.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -16,7 +16,7 @@ from flexstage.elasticity import face
 from flexstage.elasticity.shapes import METRE
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.checks import ON_BODY
-from flexstage.stage.contour import body_contour, inner_notch
+from flexstage.stage.contour import body_contour, inner_notch, share_to_root
 from flexstage.stage.curve import line_coordinates
 
 _SYNTAX = frozenset("^$\\.*+?()[]{}|")  # characters that mean something in an expression
@@ -33,6 +33,11 @@ def body_region(body: str) -> str:
 def notch_region(hinge: str, which: int) -> str:
     """Return the name of the region of one half of a notch."""
     return f"notch {hinge} {'ab'[which]}"
+
+
+def outer_region(hinge: str, which: int) -> str:
+    """Return the name of the region between half of a notch and a body of another material."""
+    return f"outer {notch_region(hinge, which)}"
 
 
 def neck_edge(hinge: str) -> str:
@@ -71,9 +76,23 @@ Point = tuple[float, float]
 _NEAR = 1e-9  # two points are one [m]
 
 #: Part of a notch, from the neck on, that can be in plane strain [1]. The remainder belongs to its
-#: body; it deforms little, and where a notch ends tangent to the edge of the body, a region that
-#: ended there would have a cusp.
+#: body, unless that is of another material; it deforms little, and where a notch ends tangent to
+#: the edge of the body, a region that ended there would have a cusp.
 STRAINED = 0.8
+
+
+def notch_cuts(stage: Stage, hinge: Hinge, which: int) -> tuple[float, ...]:
+    """Return where the regions of a half notch end, from the neck on, in half lengths [1].
+
+    There is a second one as far as the root where the body is of another material.
+    """
+    if all(b.name != hinge.bodies[which] for b in stage.other_bodies):
+        return (STRAINED,)
+    share = share_to_root(hinge.profile)
+    return (STRAINED, share) if share > STRAINED else (share,)
+
+
+_REGIONS = (notch_region, outer_region)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,7 +185,7 @@ def _with_points(loop: Loop, extra: Iterable[Point]) -> Loop:
 
 
 def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
-    contour, holes = body_contour(stage, body, STRAINED)
+    contour, holes = body_contour(stage, body, lambda h, which: notch_cuts(stage, h, which)[-1])
     outline = _with_points(contour, extra)
     shape = face(outline.points, outline.bulges)
     for hole in (*holes, *body.mounting_holes):
@@ -199,10 +218,13 @@ def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces
         (h, i) for h in stage.hinges for i in (0, 1) if h.bodies[i] in names
     ]
     for hinge, which in halves:
-        loop = inner_notch(hinge, which, STRAINED)
-        half = face(loop.points, loop.bulges)
-        half.name = notch_region(hinge.name, which)
-        shapes.append(half)
+        start = 0.0
+        for end, region in zip(notch_cuts(stage, hinge, which), _REGIONS, strict=False):
+            loop = inner_notch(hinge, which, end, start)
+            half = face(loop.points, loop.bulges)
+            half.name = region(hinge.name, which)
+            shapes.append(half)
+            start = end
     glued = Glue(shapes) if len(shapes) > 1 else shapes[0]
     if len(glued.faces) != len(shapes):
         raise StageError(
@@ -229,16 +251,20 @@ def _name_edges(
     """Name the edges of necks, notches, patches and supports; return the supports as text."""
     by_face = {f.name: f for f in glued.faces}
     for hinge, which in halves:
-        cut = STRAINED * hinge.profile.length / 2.0
+        half = hinge.profile.length / 2.0
+        cuts = [share * half for share in notch_cuts(stage, hinge, which)]
+        cut = cuts[0]
         for edge in by_face[notch_region(hinge.name, which)].edges:
             start, end = _along(hinge, edge)
             if abs(start) < _NEAR and abs(end) < _NEAR:
                 edge.name = neck_edge(hinge.name)
             elif abs(abs(start) - cut) > _NEAR or abs(abs(end) - cut) > _NEAR:
                 edge.name = surface_edge(hinge.name)
-        for edge in by_face[body_region(hinge.bodies[which])].edges:
-            if not edge.name and _on_outer_notch(hinge, edge):
-                edge.name = surface_edge(hinge.name)
+        outer = [outer_region(hinge.name, which)] * (len(cuts) - 1)
+        for region in (*outer, body_region(hinge.bodies[which])):
+            for edge in by_face[region].edges:
+                if not edge.name and _on_outer_notch(hinge, edge, cuts):
+                    edge.name = surface_edge(hinge.name)
     supports = []
     for body in bodies:
         body_face = by_face[body_region(body.name)]
@@ -288,18 +314,20 @@ def _along(hinge: Hinge, edge: TopoDS_Shape) -> tuple[float, float]:
     return hinge.from_plane(a)[0], hinge.from_plane(b)[0]
 
 
-def _on_outer_notch(hinge: Hinge, edge: TopoDS_Shape) -> bool:
-    """Return whether an edge is of the outer part of a notch, between its cut and its root."""
+def _on_outer_notch(hinge: Hinge, edge: TopoDS_Shape, cuts: Sequence[float]) -> bool:
+    """Return whether an edge is of the outer part of a notch, between its first cut and root."""
     half, height = hinge.profile.length / 2.0, hinge.profile.root_height
-    cut = STRAINED * half
+    cut, last = cuts[0], cuts[-1]
     for p in chain(_ends(edge), map(_middle, [edge])):  # most edges fail at an end
         along, across = hinge.from_plane(p)
         if not cut - _NEAR < abs(along) < half + _NEAR or abs(across) > height:
             return False
-    first, last = _along(hinge, edge)
+    first, second = _along(hinge, edge)
     middle = abs(hinge.from_plane(_middle(edge))[0])
+    if abs(abs(first) - last) < _NEAR and abs(abs(second) - last) < _NEAR:
+        return False  # where its last region meets the body
     # the cut lies across, and so does an edge of the body next to the root
-    return not abs(first - last) < _NEAR or cut + _NEAR < middle < half - _NEAR
+    return not abs(first - second) < _NEAR or cut + _NEAR < middle < half - _NEAR
 
 
 def _between(p: Point, a: Point, b: Point) -> bool:

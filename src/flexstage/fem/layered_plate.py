@@ -12,6 +12,7 @@ from scipy.sparse.linalg import SuperLU
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
+from flexstage.elasticity.continuum import first_lame
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.plane_integrals import SINGULAR, FrontalFactor, PlaneIntegrals, factorised
 from flexstage.fem.through_thickness import ThroughThickness
@@ -31,13 +32,25 @@ REFERENCE = Material(
 )
 
 
+class UncheckedMaterial(Material):
+    """A material whose figures may be beyond those of any real one."""
+
+    def __post_init__(self) -> None:
+        pass
+
+
+def _shear(material: Material) -> float:
+    return material.youngs_modulus / (2.0 * (1.0 + material.poissons_ratio))
+
+
 class LayeredPlate:
     """A part of a plate on a mesh of its plane, with functions through its thickness.
 
     Its fields are those of `ThroughThickness.components`, on the scalar space of the mesh. Fields
     of notches alone vanish in the bodies beyond a radius about each notch; `notches` gives the
     region, the centre [m] and that radius [m] of each. Unknowns are the free ones: the fields of
-    each unknown of the scalar space are adjacent, in order of elimination.
+    each unknown of the scalar space are adjacent, in order of elimination. `other` is the material
+    of the regions that the integrals over the plane have as such.
     """
 
     def __init__(
@@ -46,8 +59,10 @@ class LayeredPlate:
         material: Material,
         through: ThroughThickness,
         notches: Sequence[tuple[str, tuple[float, float], float]],
+        other: Material | None = None,
     ) -> None:
         self.plane, self.material, self.through = plane, material, through
+        self.other = material if other is None else other
         loose = np.array(plane.scalar.FreeDofs(), dtype=bool)
         in_bodies = np.array(
             [k < through.functions[kind].in_bodies for _, kind, k in through.components]
@@ -89,7 +104,7 @@ class LayeredPlate:
     @property
     def shear_modulus(self) -> float:
         """Shear modulus [Pa]."""
-        return self.material.youngs_modulus / (2.0 * (1.0 + self.material.poissons_ratio))
+        return _shear(self.material)
 
     @property
     def lame(self) -> tuple[float, float]:
@@ -97,17 +112,29 @@ class LayeredPlate:
 
         Plane stress is three-dimensional elasticity with another one.
         """
-        modulus, poisson = self.material.youngs_modulus, self.material.poissons_ratio
-        first = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+        first = first_lame(self.material)
         if self.through.in_space:
             return first, 0.0
-        flat = modulus * poisson / (1.0 - poisson**2)
+        flat = first_lame(self.material, flat=True)
         return flat, first - flat
+
+    @property
+    def _increases(self) -> tuple[Array, Array]:
+        """First Lamé constant and shear modulus, then their increases by region [Pa]."""
+        (lame, more), shear = self.lame, self.shear_modulus
+        first, second = [lame], [shear]
+        if self.plane.strained is not None:
+            first.append(more)
+            second.append(0.0)
+        if self.plane.other is not None:
+            first.append(first_lame(self.other, flat=not self.through.in_space) - lame)
+            second.append(_shear(self.other) - shear)
+        return np.array(first), np.array(second)
 
     @property
     def _through(self) -> Array:
         """Factors of the integrals over the plane between two fields, shape (f, f, 9) or more."""
-        shear = self.shear_modulus
+        lame, shear = self._increases
         _, weights = self.through.rule
         parts = self.through.components
         functions = self.through.functions
@@ -118,14 +145,13 @@ class LayeredPlate:
             ]
         )
         through = np.einsum("amq,bnq,q->abmn", derived, derived, weights)
-        regions = len(self.plane.pattern[2]) // 9
-        factors = np.zeros((regions, len(parts), len(parts), 3, 3))
+        factors = np.zeros((len(lame), len(parts), len(parts), 3, 3))
         for i, (a, _, _) in enumerate(parts):
             for j, (b, _, _) in enumerate(parts):
-                factors[:, i, j, a, b] += self.lame[:regions]
-                factors[0, i, j, b, a] += shear
+                factors[:, i, j, a, b] += lame
+                factors[:, i, j, b, a] += shear
                 if a == b:
-                    factors[0, i, j] += shear * np.eye(3)
+                    factors[:, i, j] += shear[:, None, None] * np.eye(3)
         # functions that are orthogonal leave rounding, which would fill the matrix
         size = np.sqrt(np.einsum("aamm->am", through))
         largest = size[:, None, :, None] * size[None, :, None, :]
@@ -214,7 +240,10 @@ class LayeredPlate:
         rows, columns, planes = self.plane.pattern
         row, column = self._numbers[:, rows], self._numbers[:, columns]
         free = (row >= 0) & (column >= 0)
-        values = np.broadcast_to(self.material.density * planes[8], free.shape)
+        values = self.material.density * planes[8]
+        if self.plane.other is not None:
+            values = values + (self.other.density - self.material.density) * planes[-1]
+        values = np.broadcast_to(values, free.shape)
         shape = (self.size, self.size)
         return sp.csr_matrix((values[free], (row[free], column[free])), shape=shape)
 
@@ -345,6 +374,11 @@ class LayeredPlate:
         if self.plane.strained is not None:
             plane = plane * (1.0 + dimension * more / pressure * self.plane.strained)
         pressure *= self.material.thermal_expansion or 0.0
+        if self.plane.other is not None:
+            stretch = first_lame(self.other, flat=not self.through.in_space)
+            there = dimension * stretch + 2.0 * _shear(self.other)
+            there *= self.other.thermal_expansion or 0.0
+            plane = plane * (1.0 + (there / pressure - 1.0) * self.plane.other)
         z, weights = self.through.rule
         slopes = [
             self.plane.linear(lambda v, d=d: plane * ng.Grad(v)[d]) / METRE for d in (0, 1)

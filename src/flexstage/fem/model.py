@@ -134,7 +134,7 @@ def _loads(
             i = "xyz".index(axis)
             weight = weight + STANDARD_GRAVITY * rider.inertia[i] * rider.motion[i]
         loads[f"gravity {axis}"] = (weight, "g")
-    if stage.material.thermal_expansion is not None:
+    if all(m.thermal_expansion is not None for m in continuum.materials):
         for name, change in _temperature(stage, masses).items():
             if name.endswith("z") == out_of_plane:
                 unit = "K/m" if "gradient" in name else "K"

@@ -242,15 +242,16 @@ class Part:
                 )
         return "|".join(re.escape(name) for name in words)
 
-    def touching(self, names: Sequence[str]) -> list[tuple[str, ...]]:
-        """Return faces, given by name, in groups that touch; those of one name are one."""
-        groups: list[tuple[tuple[str, ...], set[TopoDS_Shape]]] = []
-        for name in dict.fromkeys(names):
-            face_vertices = {v for f in self.shape.faces if f.name == name for v in f.vertices}
-            met = [g for g in groups if g[1] & face_vertices]
+    def touching(self, numbers: Sequence[int]) -> list[tuple[int, ...]]:
+        """Return faces, given by their numbers in `faces`, in groups that touch."""
+        shapes = list(dict.fromkeys(self.shape.faces))
+        groups: list[tuple[tuple[int, ...], set[TopoDS_Shape]]] = []
+        for k in numbers:
+            vertices = set(shapes[k].vertices)
+            met = [g for g in groups if g[1] & vertices]
             groups = [g for g in groups if g not in met]
-            joined = (*(n for g in met for n in g[0]), name)
-            groups.append((joined, face_vertices.union(*(g[1] for g in met))))
+            joined = (*(n for g in met for n in g[0]), k)
+            groups.append((joined, vertices.union(*(g[1] for g in met))))
         return [group for group, _ in groups]
 
     # ------------------------------------------------------------------ mesh

@@ -4,7 +4,8 @@ Materials are given as text: a name from the catalogue, or figures; for all soli
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -24,7 +25,7 @@ from flexstage.fem.interface import (
     interface_stiffness,
     require_memory_of,
 )
-from flexstage.fem.part import Part, read_step
+from flexstage.fem.part import Part, PartFace, read_step
 from flexstage.fem.part_estimate import PartEstimate, estimate_part, require_room
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.files.plain import picked
@@ -115,10 +116,6 @@ class Bodies(Continuum):
     `materials` gives each region's by its name. `fixed` is the regular expression of the fixed
     boundaries, `fixed_components` those of boundaries fixed in one direction, by ``x``, ``y``,
     ``z``; the mesh is curved to `order`, and `shift` is as of `Continuum` [rad^2/s^2].
-
-    Notes
-    -----
-    Loads by volume (gravity, temperature) are those of one material and are not available here.
     """
 
     def __init__(
@@ -140,18 +137,15 @@ class Bodies(Continuum):
             )
         of = [materials[name] for name in regions]
         super().__init__(
-            mesh, of[0], order=order, fixed=fixed, fixed_components=fixed_components, shift=shift
+            mesh,
+            of[0],
+            order=order,
+            fixed=fixed,
+            fixed_components=fixed_components,
+            shift=shift,
+            regions=materials,
         )
-        shear = [m.youngs_modulus / (2.0 * (1.0 + m.poissons_ratio)) for m in of]
-        first = [
-            2.0 * g * m.poissons_ratio / (1.0 - 2.0 * m.poissons_ratio)
-            for g, m in zip(shear, of, strict=True)
-        ]
-        # Both only ever multiply fields on the mesh, so that they may differ from region to region.
-        self.lame = ng.CoefficientFunction(first)
-        self.shear_modulus = ng.CoefficientFunction(shear)  # type: ignore[assignment]
         self.material = replace(of[0], name=" + ".join(dict.fromkeys(m.name for m in of)))
-        self._density = self._volume * ng.CoefficientFunction([m.density for m in of])
 
 
 _RIGID_MOTIONS = 6
@@ -178,6 +172,20 @@ class InterfaceResult:
     """Motion of the output when two faces are pushed apart."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartInterface:
+    """Faces of a part that touch, and that have one motion where they are fixed or moved."""
+
+    name: str
+    """Requested name, with a number where its faces are several interfaces."""
+    faces: tuple[int, ...]
+    """Numbers of the part's faces."""
+    area: float
+    """Area [m^2]."""
+    centre: tuple[float, ...]
+    """Centroid [m]."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartAnalysis:
     """The analysis of a part, fixed or free."""
@@ -198,6 +206,10 @@ class PartAnalysis:
     """Fixed faces; empty for a free part."""
     moved: tuple[str, ...]
     """Faces with a requested stiffness."""
+    fixed_interfaces: tuple[PartInterface, ...]
+    """Interfaces of the fixed faces."""
+    moved_interfaces: tuple[PartInterface, ...]
+    """Interfaces of the faces with a requested stiffness."""
     at: tuple[float, ...]
     """The point about which the stiffness is [m]."""
     results: Mapping[str, InterfaceResult]
@@ -208,7 +220,8 @@ class PartAnalysis:
 def named_faces(part: Part, words: Sequence[str]) -> tuple[str, ...]:
     """Return the faces of a list of words.
 
-    ``x-min``, ``z-max`` and so on stand for the plane faces at that end of the part.
+    ``x-min``, ``z-max`` and so on stand for the plane faces at that end of the part, and words are
+    joined by ``+``.
 
     Examples
     --------
@@ -218,7 +231,8 @@ def named_faces(part: Part, words: Sequence[str]) -> tuple[str, ...]:
     True
     """
     names: list[str] = []
-    for word in words:
+    every = {f.name for f in part.faces}
+    for word in (w for ws in words for w in ((ws,) if ws in every else ws.split("+"))):
         axis, _, end = word.partition("-")
         if axis in ("x", "y", "z") and end in ("min", "max"):
             names += part.select(axis, end)
@@ -228,13 +242,37 @@ def named_faces(part: Part, words: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
+def part_interfaces(part: Part, words: Sequence[str]) -> tuple[PartInterface, ...]:
+    """Return the interfaces of a list of words: of each word the groups of faces that touch.
+
+    A face counts for the first word that names it.
+    """
+    interfaces: list[PartInterface] = []
+    selected: set[int] = set()
+    for word in words:
+        names = named_faces(part, (word,))
+        numbers = [k for k, f in enumerate(part.faces) if f.name in names and k not in selected]
+        selected.update(numbers)
+        groups = part.touching(numbers)
+        for n, group in enumerate(groups, 1):
+            area, centre = _middle([part.faces[k] for k in group])
+            name = f"{word}.{n}" if len(groups) > 1 else word
+            interfaces.append(PartInterface(name=name, faces=group, area=area, centre=centre))
+    return tuple(interfaces)
+
+
+def _middle(faces: Sequence[PartFace]) -> tuple[float, tuple[float, ...]]:
+    """Return the area [m^2] and the centroid [m] of faces."""
+    area = sum(f.area for f in faces)
+    return area, tuple(sum(f.area * f.centre[i] for f in faces) / area for i in range(3))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Interfaces:
-    """The requested interfaces as regular expressions; empty where there are none.
+    """The requested interfaces, and as regular expressions; empty where there are none."""
 
-    Fixed and moved faces have one for each group of faces that touch.
-    """
-
+    constrained: tuple[PartInterface, ...]
+    displaced: tuple[PartInterface, ...]
     fixed: tuple[str, ...]
     moved: tuple[str, ...]
     ratio: tuple[str, str, str] | None
@@ -252,8 +290,8 @@ def analyse_part(
     """Analyse a part.
 
     Without fixed faces it is free. ``rigid`` interfaces move as if stiff plates were welded to
-    them; ``mean`` ones may deform, and their mean motion counts, of each group of fixed and of
-    moved faces that touch. The displacement has the order of the mesh. `expect` receives the
+    them; ``mean`` ones may deform, and their mean motion counts. Faces that do not touch are
+    interfaces of their own. The displacement has the order of the mesh. `expect` receives the
     estimate of the mesh and its cost beforehand.
 
     Notes
@@ -275,6 +313,8 @@ def analyse_part(
         require_room(part, mesh_settings, expected)
     progress.update("mesh")
     mesh = part.mesh(mesh_settings, limit=_LEAST + _PATIENCE * expected.meshing)
+    for k, name in enumerate(_boundary_names(part)):
+        mesh.ngmesh.SetBCName(k, name)
     low, high = part.bounding_box
     sound = min(math.sqrt(m.youngs_modulus / m.density) for m in of.values())
     shift = (_SHIFT * sound / math.dist(low, high)) ** 2
@@ -306,6 +346,8 @@ def analyse_part(
         expected=expected,
         fixed=hold,
         moved=move,
+        fixed_interfaces=interfaces.constrained,
+        moved_interfaces=interfaces.displaced,
         at=interfaces.at,
         results=results,
     )
@@ -335,21 +377,36 @@ def _requested_interfaces(
         raise StageError("the ratio is between three different faces, got one of them twice")
     point: tuple[float, ...] = ()
     if move:
-        faces = [f for f in part.faces if f.name in set(move)]
-        area = sum(f.area for f in faces)
-        centroid = (sum(f.area * f.centre[i] for f in faces) / area for i in range(3))
-        point = tuple(request.at if request.at is not None else centroid)
+        _, centroid = _middle([f for f in part.faces if f.name in set(move)])
+        point = tuple(request.at) if request.at is not None else centroid
+    constrained, displaced = (
+        part_interfaces(part, words) for words in (request.hold, request.move)
+    )
+    boundaries = _boundary_names(part)
+
+    def pattern(numbers: Iterable[int]) -> str:
+        return "|".join(re.escape(boundaries[k]) for k in numbers)
+
+    patterns = [
+        pattern(k for k, f in enumerate(part.faces) if f.name in set(names)) for names in ratio
+    ]
     return _Interfaces(
-        fixed=_interfaces(part, hold),
-        moved=_interfaces(part, move),
-        ratio=tuple(part.boundary(tuple(n)) for n in ratio) if ratio else None,  # type: ignore[arg-type]
+        constrained=constrained,
+        displaced=displaced,
+        fixed=tuple(pattern(i.faces) for i in constrained),
+        moved=tuple(pattern(i.faces) for i in displaced),
+        ratio=tuple(patterns) if patterns else None,  # type: ignore[arg-type]
         at=point,
         modes=request.modes,
     )
 
 
-def _interfaces(part: Part, names: Sequence[str]) -> tuple[str, ...]:
-    return tuple(part.boundary(group) for group in part.touching(names))
+def _boundary_names(part: Part) -> list[str]:
+    """Return names of the boundaries of the mesh, of each face its own."""
+    names = [f.name for f in part.faces]
+    if len(set(names)) == len(names):
+        return names
+    return [f"{name}#{k}" for k, name in enumerate(names, 1)]
 
 
 def _ready(body: Bodies, force: bool) -> Bodies:
@@ -455,6 +512,8 @@ class PartResult(Result):
             **picked(analysis, "order", "elements", "unknowns"),
             "expected": picked(analysis.expected, "elements", "unknowns", "memory", "seconds"),
             **picked(analysis, "fixed", "moved", "at"),
+            "fixed_interfaces": self._interfaces(analysis.fixed_interfaces),
+            "moved_interfaces": self._interfaces(analysis.moved_interfaces),
             "interfaces": {
                 kind: picked(r, "natural_frequency_hz=frequency_hz", "stiffness")
                 | {
@@ -465,6 +524,15 @@ class PartResult(Result):
                 for kind, r in analysis.results.items()
             },
         }
+
+    def _interfaces(self, interfaces: Sequence[PartInterface]) -> list[dict[str, Any]]:
+        return [
+            {
+                "faces": [self.part.faces[k].name for k in i.faces],
+                **picked(i, "name", "area", "centre"),
+            }
+            for i in interfaces
+        ]
 
 
 def part_result(

@@ -232,21 +232,29 @@ def factorised(stiffness: sp.csc_matrix, *, ordered: bool = True) -> SuperLU:
         raise ModelError(SINGULAR) from None
 
 
+def _indicator(mesh: ng.Mesh, regions: str) -> ng.CoefficientFunction | None:
+    """Return 1 in regions by a regular expression and 0 elsewhere; None without an expression."""
+    if not regions:
+        return None
+    inside = mesh.Materials(regions).Mask()
+    return ng.CoefficientFunction([float(inside[i]) for i in range(len(mesh.GetMaterials()))])
+
+
 class PlaneIntegrals:
     """Integrals over the plane of a part, which all motions of the plate share.
 
-    `strain` is the regular expression of the regions in plane strain, for a plane model.
+    `strain` is the regular expression of the regions in plane strain, for a plane model, and
+    `other` that of regions of another material.
     """
 
-    def __init__(self, mesh: ng.Mesh, *, order: int, fixed: str, strain: str = "") -> None:
+    def __init__(
+        self, mesh: ng.Mesh, *, order: int, fixed: str, strain: str = "", other: str = ""
+    ) -> None:
         self.mesh, self.order = mesh, order
         #: 1 in regions in plane strain, 0 elsewhere; None where there is no such region.
-        self.strained: ng.CoefficientFunction | None = None
-        if strain:
-            wide = mesh.Materials(strain).Mask()
-            self.strained = ng.CoefficientFunction(
-                [float(wide[i]) for i in range(len(mesh.GetMaterials()))]
-            )
+        self.strained = _indicator(mesh, strain)
+        #: The same of regions of another material.
+        self.other = _indicator(mesh, other)
         self.scalar = ng.H1(mesh, order=order, dirichlet=fixed)
         self.width = int(self.scalar.ndof)
         # at once, as the mesh is used by one thread at a time
@@ -263,7 +271,8 @@ class PlaneIntegrals:
 
         Values 3 m + n are of derivative m of the test function and n of the trial function, in
         metres; the third is no derivative. Nine more are of the regions in plane strain alone, if
-        there are any. Rows, columns and values have shapes (k,), (k,) and (9, k) or (18, k).
+        there are any, and nine of those of another material. Rows, columns and values have shapes
+        (k,), (k,) and (9, k), (18, k) or (27, k).
 
         The order of the shape functions is one for all fields on them, found in a twentieth of the
         time.
@@ -271,12 +280,12 @@ class PlaneIntegrals:
         p, q = self.scalar.TnT()
         tests = (ng.Grad(q)[0], ng.Grad(q)[1], q)
         trials = (ng.Grad(p)[0], ng.Grad(p)[1], p)
-        weights = (1.0,) if self.strained is None else (1.0, self.strained)
+        weights = [1.0, *(w for w in (self.strained, self.other) if w is not None)]
         pairs = [(m, n) for m in range(3) for n in range(m, 3)]
         integrals: dict[tuple[int, int, int], Array] = {}
         columns = ends = np.zeros(0, dtype=np.intp)
         for (w, weight), (m, n) in product(enumerate(weights), pairs):
-            if w and n == 2:  # plane strain adds nothing to what is no derivative
+            if w and n == 2 and weight is self.strained:  # it adds nothing to what is no derivative
                 continue
             form = ng.BilinearForm(self.scalar)
             form += weight * tests[m] * trials[n] * ng.dx

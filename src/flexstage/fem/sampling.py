@@ -18,7 +18,7 @@ from flexstage.base.errors import ModelError
 from flexstage.elasticity.loaded import COMPONENTS, von_mises_of
 from flexstage.elasticity.resources import parallel
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.geometry import body_region, exactly, notch_region
+from flexstage.fem.geometry import body_region, exactly, notch_region, outer_region
 from flexstage.fem.mesh import MIDDLE
 from flexstage.fem.model import StageModel, UncoupledProblem
 
@@ -138,7 +138,8 @@ class Sampler:
         regions = {body_region(b.name): i for i, b in enumerate(stage.bodies)}
         for hinge in stage.hinges:
             for which, name in enumerate(hinge.bodies):
-                regions[notch_region(hinge.name, which)] = index[name]
+                for region in (notch_region, outer_region):
+                    regions[region(hinge.name, which)] = index[name]
         return regions
 
     @cached_property

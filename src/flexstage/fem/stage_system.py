@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
 import ngsolve as ng
@@ -18,9 +18,12 @@ from flexstage.fem.geometry import (
     either,
     exactly,
     notch_region,
+    outer_region,
     patch_edge,
 )
+from flexstage.fem.layered_plate import UncheckedMaterial
 from flexstage.hinges import Profile
+from flexstage.quantities.material import Material
 from flexstage.stage import Drive, Hinge, Probe, Stage
 from flexstage.stage.outline import Point
 from flexstage.system import MechanicalSystem
@@ -38,6 +41,20 @@ _LEAF = 4.0
 
 #: Supports: whether the fixed bodies are compliant under the drives that react on them.
 Supports = Literal["rigid", "elastic"]
+
+
+#: Modulus of a rigid body over that of its material: it deforms as little as it does not matter.
+RIGID = 1e5
+
+
+def region_materials(stage: Stage) -> dict[str, Material]:
+    """Return the materials of bodies that are rigid or of another one, by the names of regions."""
+    materials = {}
+    for body in stage.other_bodies:
+        figures = {f.name: getattr(stage.material_of(body), f.name) for f in fields(Material)}
+        figures["youngs_modulus"] *= RIGID if body.rigid else 1.0
+        materials[body_region(body.name)] = UncheckedMaterial(**figures)
+    return materials
 
 
 def body_regions(stage: Stage, body: str) -> str:
@@ -60,7 +77,9 @@ def _is_leaf(profile: Profile) -> bool:
 def _regions(stage: Stage, body: str, hinges: Iterable[Hinge]) -> str:
     regions = [body_region(body)]
     for hinge in hinges:
-        regions += [notch_region(hinge.name, i) for i in (0, 1) if hinge.bodies[i] == body]
+        for i in (0, 1):
+            if hinge.bodies[i] == body:
+                regions += [notch_region(hinge.name, i), outer_region(hinge.name, i)]
     return either(regions)
 
 

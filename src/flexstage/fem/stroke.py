@@ -306,7 +306,15 @@ def _two_bar_rig(stage: Stage, name: str) -> Stage:
             h.mapped(aside) if isinstance(h, Loop) else replace(h, centre=aside(h.centre))
             for h in (*bar.holes, *bar.mounting_holes)
         )
-        bars.append(Body(name=f"bar {k}", outline=bar.outline.mapped(aside), holes=holes))
+        bars.append(
+            Body(
+                name=f"bar {k}",
+                outline=bar.outline.mapped(aside),
+                holes=holes,
+                material=bar.material,
+                rigid=bar.rigid,
+            )
+        )
         for hinge, end in ((first, "ground"), (second, "slider")):
             joined = tuple(f"bar {k}" if b == name else end for b in hinge.bodies)
             hinges.append(

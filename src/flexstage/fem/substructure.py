@@ -12,7 +12,8 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Literal
 
-from flexstage.fem.layered_plate import REFERENCE
+from flexstage.base.errors import StageError
+from flexstage.fem.layered_plate import REFERENCE, UncheckedMaterial
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.necks import CutNeck
 from flexstage.fem.stage_system import Supports
@@ -76,7 +77,11 @@ class Substructure:
     readings: tuple[PointReading, ...]
     """Measured points."""
     poissons_ratio: float
-    """Poisson's ratio of its material [1]."""
+    """Poisson's ratio of its notches, and of itself where it has no material of its own [1]."""
+    body_material: Material | None
+    """Material of its outline, where its notches are of `REFERENCE`; None where it is the same."""
+    rigid: bool
+    """True if its outline does not deform."""
     thickness: float
     """Thickness to which the size of its elements refers [m]."""
     mesh: MeshSettings
@@ -112,6 +117,8 @@ class Substructure:
             holes=self.holes,
             mounting_holes=self.mounting_holes,
             fixed=self.fixed,
+            material=self.body_material,
+            rigid=self.rigid,
         )
         return Stage(
             name="substructure",
@@ -246,6 +253,8 @@ def cut_free(
             patches=tuple(touched),
             readings=tuple(read),
             poissons_ratio=stage.material.poissons_ratio,
+            body_material=_of_body(stage, body),
+            rigid=body.rigid,
             thickness=thickness,
             mesh=settings,
             modes=modes,
@@ -296,6 +305,26 @@ def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...]
             )
         )
     return tuple(parts)
+
+
+def _of_body(stage: Stage, body: Body) -> Material | None:
+    """Return the material of a body where its notches are of `REFERENCE`."""
+    material, plate = body.material, stage.material
+    if material is None or material == plate:
+        return None
+    if material.thermal_expansion and plate.thermal_expansion == 0.0:
+        raise StageError(
+            f"body '{body.name}' expands and the plate's material '{plate.name}' has a "
+            "thermal_expansion of 0, to which nothing can be related: write 1e-12 1/K for it"
+        )
+    expands = (material.thermal_expansion or 0.0) / (plate.thermal_expansion or 1.0)
+    return UncheckedMaterial(
+        name=BODY,
+        youngs_modulus=REFERENCE.youngs_modulus * (material.youngs_modulus / plate.youngs_modulus),
+        poissons_ratio=material.poissons_ratio,
+        density=REFERENCE.density * (material.density / plate.density),
+        thermal_expansion=(REFERENCE.thermal_expansion or 0.0) * expands,
+    )
 
 
 _Move = Callable[[Point], Point]

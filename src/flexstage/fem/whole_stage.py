@@ -14,7 +14,7 @@ from flexstage.elasticity.resources import require_memory
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.mesh import MIDDLE, MeshSettings, mesh_without_slivers, prism_mesh
 from flexstage.fem.model import StageModel, assemble
-from flexstage.fem.stage_system import Supports
+from flexstage.fem.stage_system import Supports, region_materials
 from flexstage.fem.substructure import notch_states
 from flexstage.hinges import Leaf
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
@@ -85,6 +85,7 @@ def plane_model(
         thickness=stage.thickness,
         strain=either(notch_region(n, i) for n in wide for i in (0, 1)),
         fixed=MOUNTING,
+        regions=region_materials(stage),
     )
     require_memory(continuum.size, 2, settings.order)
     return assemble(
@@ -125,6 +126,7 @@ def common_validity(stage: Stage, supports_note: str) -> tuple[str, ...]:
         f"Damping of {ratio:g} % in every mode is an assumption: it sets the height of the "
         "resonances.",
         *(corners if sharp else ()),
+        *stage.material_notes,
         *stage.own_notes,
     )
 
@@ -187,6 +189,7 @@ def solid_model(
         fixed=MOUNTING,
         fixed_components={"z": MIDDLE},
         copies=2,
+        regions=region_materials(stage),
     )
     outside = inside.with_supports(MOUNTING, dict.fromkeys("xy", MIDDLE))
     low, high = mesh.ngmesh.bounding_box

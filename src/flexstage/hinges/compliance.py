@@ -5,6 +5,7 @@ the effect of manufacturing errors on the hinges of a plate; motion in the plane
 """
 
 import math
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -45,6 +46,7 @@ def compliance(
     method: str = "wedge",
     plane: PlaneState | Literal["auto"] = "auto",
     root_widths: tuple[float, float] | None = None,
+    bodies: tuple[tuple[float, float], tuple[float, float]] | None = None,
 ) -> HingeCompliance:
     r"""Return the compliance of a notch about its neck.
 
@@ -71,6 +73,9 @@ def compliance(
         ``stress``, ``strain``, or ``auto`` to choose by width against neck.
     root_widths : tuple of float, optional
         Width of body a and of body b behind the root [m]; without it bodies are rigid from there.
+    bodies : tuple of tuple, optional
+        Young's modulus [Pa], infinite where rigid, and Poisson's ratio of each of them; those of
+        the notch where not given.
 
     Returns
     -------
@@ -80,7 +85,8 @@ def compliance(
     Raises
     ------
     HingeError
-        The method is unknown, a value is not positive, or the proportions are extreme.
+        The method is unknown, a value is not positive, the proportions are extreme, or
+        ``finite-element`` is to have bodies of another material.
 
     Notes
     -----
@@ -106,14 +112,22 @@ def compliance(
     if method == "finite-element":
         from flexstage.hinges.finite_element import condensed_compliance
 
+        if bodies is not None:
+            raise HingeError(
+                "the method 'finite-element' has bodies of the hinge's own material: choose the "
+                "method 'wedge' where bodies are rigid or of another material"
+            )
         return condensed_compliance(profile, modulus, poisson, width, state, root_widths)
     require_sizes(profile)
+    of_bodies = bodies or ((modulus, poisson),) * 2
     with np.errstate(all="ignore"):
-        c = _notch(profile, nu, method) / (e * width)
+        soft = [math.isfinite(body_modulus) for body_modulus, _ in of_bodies]
+        c = _notch(profile, nu, method, soft) / (e * width)
     require_sizes(profile, sound=bool(np.all(np.isfinite(c)) and np.all(np.diag(c) > 0.0)))
     if root_widths is not None:
-        for side, root_width in zip((-1.0, 1.0), root_widths, strict=True):
-            c += _root(profile, nu, root_width, side) / (e * width)
+        for side, root_width, elastic in zip((-1.0, 1.0), root_widths, of_bodies, strict=True):
+            body_modulus, body_poisson = plane_moduli(*elastic, state)
+            c += _root(profile, body_poisson, root_width, side) / (body_modulus * width)
     c = 0.5 * (c + c.T)
     return HingeCompliance(matrix=c, method=method, plane=state)
 
@@ -128,8 +142,8 @@ def require_sizes(profile: Profile, of: str = "", *, sound: bool = True) -> None
         )
 
 
-def _notch(profile: Profile, nu: float, method: str) -> Array:
-    """Compliance of the notch itself, times E b."""
+def _notch(profile: Profile, nu: float, method: str, soft: Sequence[bool]) -> Array:
+    """Compliance of the notch itself, times E b, with bodies a and b `soft` or rigid."""
     x, depth, angle, ds = profile.samples()
     h = profile.neck_thickness + profile.sides * depth
     offset = 0.5 * depth if profile.one_sided else np.zeros_like(depth)
@@ -160,14 +174,14 @@ def _notch(profile: Profile, nu: float, method: str) -> Array:
     q *= weight
     q[0, 2] = q[2, 0] = coupling
     total = np.zeros((3, 3))
-    for side in (-1.0, 1.0):
+    for side, is_soft in zip((-1.0, 1.0), soft, strict=True):
         # forces on the section (N, V towards the thicker end, M) from those at the neck
         t = np.array([[cos, side * sin, zero], [sin, -side * cos, zero], [offset, -side * x, one]])
         # sum over the slices of t^T q t
         total += (t.transpose(2, 1, 0) @ q.transpose(2, 0, 1) @ t.transpose(2, 0, 1)).sum(axis=0)
         if method == "wedge":
             total += end_of_wedge(profile, nu, side)
-            if profile.step > 0.0:
+            if profile.step > 0.0 and is_soft:
                 total += sharp_step(profile, side)
     return total
 
@@ -182,7 +196,9 @@ def _root(profile: Profile, nu: float, root_width: float, side: float) -> Array:
     width = float(np.clip(root_width, height, ROOT_SPREAD * height))
     x0 = 0.5 * profile.length
     e = 0.5 * profile.depth if profile.one_sided else 0.0
-    c = strip_compliance((x0, x0 + ROOT_REACH * height), width, e, nu, side)
+    # a strip that continues around a corner reaches to the middle of the corner
+    continues = not profile.depth and width < (1.0 + 1e-6) * height
+    c = strip_compliance((x0, x0 + (0.5 if continues else ROOT_REACH) * height), width, e, nu, side)
     # fan: mm M^2/h^3 over dh/2 and N^2/(pi/2 h) over dh
     fan = _FAN / 4.0 * (1.0 / height**2 - 1.0 / width**2)
     moment = np.array([e, -side * x0, 1.0])

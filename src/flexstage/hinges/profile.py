@@ -85,6 +85,8 @@ class Profile(ABC):
     """
 
     kind: ClassVar[str]
+    # dimensions that may be 0
+    can_be_zero: ClassVar[frozenset[str]] = frozenset()
 
     neck_thickness: Length
     """Smallest thickness t [m]."""
@@ -97,6 +99,8 @@ class Profile(ABC):
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
             is_size = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if value == 0.0 and name in self.can_be_zero:
+                continue
             if is_size and not 0.0 < value < float("inf"):
                 raise HingeError(
                     f"{self.kind} notch: {name} must be positive and finite, got {value!r}"

@@ -77,6 +77,8 @@ def with_neck_thickness(profile: Profile, thickness: float) -> Profile:
         return _of_length(other, profile.length)
     if isinstance(profile, AsDrawn):
         return profile.stretched(thickness, depth)
+    if isinstance(profile, Leaf) and not profile.notch_depth:
+        return replace(profile, neck_thickness=thickness)  # its bodies grow with it
     if isinstance(profile, Leaf) or hasattr(profile, "notch_depth"):
         changed: dict[str, Any] = {"neck_thickness": thickness, "notch_depth": depth}
         return replace(profile, **changed)

@@ -22,7 +22,7 @@ def _flat(half: float) -> Piece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaf(Profile):
-    """Strip of constant thickness that ends at sharp steps.
+    """Strip of constant thickness that ends at sharp steps, or continues into bodies without them.
 
     Examples
     --------
@@ -32,11 +32,12 @@ class Leaf(Profile):
     """
 
     kind: ClassVar[str] = "leaf"
+    can_be_zero: ClassVar[frozenset[str]] = frozenset({"notch_depth"})
 
     leaf_length: Length
     """Length of the strip [m]."""
     notch_depth: Length
-    """Height of the step at its ends, on a side [m]."""
+    """Height of the step at its ends, on a side [m]; 0 where bodies are as wide as the strip."""
 
     @property
     def length(self) -> float:
@@ -63,7 +64,8 @@ class Leaf(Profile):
 
     def contour(self) -> tuple[Vertex, ...]:
         half = 0.5 * self.leaf_length
-        return (Vertex(0.0, 0.0), Vertex(half, 0.0), Vertex(half, self.notch_depth))
+        step = (Vertex(half, self.notch_depth),) if self.notch_depth else ()
+        return (Vertex(0.0, 0.0), Vertex(half, 0.0), *step)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

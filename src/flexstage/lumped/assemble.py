@@ -105,6 +105,8 @@ class HingeSpring:
     """``stress`` or ``strain``."""
     root_widths: tuple[float, float] | None
     """Widths of the two bodies behind the roots [m]; None without the roots."""
+    bodies: tuple[tuple[float, float], tuple[float, float]] | None
+    """Young's modulus [Pa] and Poisson's ratio of them; None where they are those of the plate."""
 
 
 @lru_cache(maxsize=64)
@@ -120,9 +122,12 @@ def cached_compliance(
     method: str,
     plane: PlaneState | Literal["auto"],
     roots: tuple[float, float] | None,
+    bodies: tuple[tuple[float, float], tuple[float, float]] | None = None,
 ) -> HingeCompliance:
     """Return the compliance of a notch, of which a stage has dozens."""
-    return compliance(profile, *elastic, width, method=method, plane=plane, root_widths=roots)
+    return compliance(
+        profile, *elastic, width, method=method, plane=plane, root_widths=roots, bodies=bodies
+    )
 
 
 @lru_cache(maxsize=4096)
@@ -170,10 +175,19 @@ def _springs(
     stage: Stage, method: str, plane: PlaneState | Literal["auto"]
 ) -> tuple[HingeSpring, ...]:
     elastic = (stage.material.youngs_modulus, stage.material.poissons_ratio)
+    others = {
+        b.name: (math.inf if b.rigid else m.youngs_modulus, m.poissons_ratio)
+        for b in stage.other_bodies
+        for m in [stage.material_of(b)]
+    }
     springs = []
     for hinge in stage.hinges:
         roots = root_widths(stage, hinge) if method in WITH_ROOTS else None
-        notch = cached_compliance(hinge.profile, elastic, stage.thickness, method, plane, roots)
+        a, b = (others.get(name, elastic) for name in hinge.bodies)
+        bodies = None if a == b == elastic or roots is None else (a, b)
+        notch = cached_compliance(
+            hinge.profile, elastic, stage.thickness, method, plane, roots, bodies
+        )
         springs.append(
             HingeSpring(
                 hinge=hinge,
@@ -181,6 +195,7 @@ def _springs(
                 method=method,
                 plane=notch.plane,
                 root_widths=roots,
+                bodies=bodies,
             )
         )
     return tuple(springs)
@@ -340,4 +355,4 @@ def _validity(stage: Stage, method: str, planes: list[str], damping: Damping) ->
         notes.append(
             "Damping of 1 % in every mode is an assumption: it sets the height of the resonances."
         )
-    return (*notes, *stage.own_notes)
+    return (*notes, *stage.material_notes, *stage.own_notes)

@@ -152,7 +152,7 @@ def _split_lead(sentence: str) -> tuple[str, str]:
 
 def _description(study: "Study") -> Iterator[str]:
     """Yield sentences on a stage without published values."""
-    yield f"Size and mass: {size_and_mass(study)}; {study.stage.material.name}."
+    yield f"Size and mass: {size_and_mass(study)}; {study.stage.materials}."
     strokes = ("output_displacement", "rotation_stroke")
     motion = listed(part for quantity in strokes if (part := by_axis(study, quantity)))
     if motion:

@@ -86,7 +86,7 @@ def report_html(study: Study, memory: Memory | None = None) -> str:
         template="study.html",
         title=f"{stage.name}: flexstage study",
         heading=f"{stage.name}: {stage.title}" if stage.title else stage.name,
-        lead=f"{findings.size_and_mass(study)}; {stage.material.name}; {len(stage.bodies)} bodies "
+        lead=f"{findings.size_and_mass(study)}; {stage.materials}; {len(stage.bodies)} bodies "
         f"({free} free), {len(stage.hinges)} hinges, {drives}",
         version=study.main.provenance.version,
         links=(("summary", "Summary"), *((c["key"], c["title"]) for c in chapters)),

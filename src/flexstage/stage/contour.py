@@ -2,12 +2,12 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
 from flexstage.base.errors import StageError
-from flexstage.hinges.profile import Vertex
+from flexstage.hinges.profile import Profile, Vertex
 from flexstage.stage.curve import line_coordinates
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop, arc
@@ -228,24 +228,80 @@ def _path(hinge: Hinge, which: int, outer: list[Vertex]) -> tuple[list[_Pair], l
     return [*right, *left], [*right_bent, 0.0, *bent]
 
 
-def inner_notch(hinge: Hinge, which: int, share: float) -> Loop:
+def inner_notch(hinge: Hinge, which: int, share: float, start: float = 0.0) -> Loop:
     """Return the part of a half notch next to the neck.
 
     Where a notch ends tangent to the edge of its body, a region up to that end would have a cusp,
     which cannot be meshed; this one ends before.
 
     `which` is 0 for the half of body a, 1 for that of body b. It reaches a `share`, above 0 and
-    below 1, of the half length of the notch, and ends in a straight line across.
+    at most 1, of the half length of the notch, and ends in a straight line across; so it begins, at
+    the neck or at a share `start`.
     """
-    return _from_neck(hinge, which, _sides(hinge, share)[0])
+    inner, _ = _sides(hinge, share)
+    if start:
+        _, inner = _split(inner, start * hinge.profile.contour()[-1].x)
+    return _from_neck(hinge, which, inner)
+
+
+# contours that are steeper meet the straight line of the root at less than 12 degrees
+_STEEP = 5.0
+
+
+@lru_cache(maxsize=1024)
+def share_to_root(profile: Profile) -> float:
+    """Return the part of a half notch, from the neck on, that a region of a mesh can have [1].
+
+    It ends at the root, or before where the contour becomes almost parallel to the line of the
+    root.
+
+    Examples
+    --------
+    >>> from flexstage.hinges import Leaf, RightCircular
+    >>> share_to_root(Leaf(neck_thickness=0.5e-3, leaf_length=8e-3, notch_depth=1e-3))
+    1.0
+    >>> round(share_to_root(RightCircular(neck_thickness=0.5e-3, radius=1e-3)), 4)
+    0.9806
+    """
+    contour = profile.contour()
+    end = contour[-1].x
+    for a, b in itertools.pairwise(reversed(contour)):
+        begin = _steep_from(b, a)
+        if begin is None:
+            break
+        end = begin
+        if begin > b.x:
+            break
+    return end / contour[-1].x
+
+
+def _steep_from(a: Vertex, b: Vertex) -> float | None:
+    """Return from where on a segment is steep as far as its end; None where it is not."""
+    if a.bulge == 0.0:
+        return a.x if b.depth - a.depth > _STEEP * (b.x - a.x) else None
+    centre, radius, first, sweep = arc((a.x, a.depth), (b.x, b.depth), a.bulge)
+
+    def steep(share: float) -> bool:
+        angle = first + share * sweep
+        return abs(math.cos(angle)) > _STEEP * abs(math.sin(angle))
+
+    if not steep(1.0 - 1e-9):
+        return None
+    turn = math.atan(1.0 / _STEEP)
+    shares = [
+        (k * math.pi + sign * turn - first) / sweep for k in range(-3, 4) for sign in (-1.0, 1.0)
+    ]
+    begin = max((s for s in shares if 0.0 < s < 1.0), default=0.0)
+    return centre[0] + radius * math.cos(first + begin * sweep) if begin else a.x
 
 
 def body_contour(
-    stage: Stage, body: Body, share: float = 0.0
+    stage: Stage, body: Body, share: float | Callable[[Hinge, int], float] = 0.0
 ) -> tuple[Loop, tuple[Loop | Circle, ...]]:
     """Return a body as cut: its outline and holes with its half notches added.
 
-    `share` is the part of each half notch, from the neck on, that is omitted [1].
+    `share` is the part of each half notch, from the neck on, that is omitted [1], of all or for a
+    hinge and its side.
 
     Examples
     --------
@@ -260,7 +316,8 @@ def body_contour(
         for which in (0, 1):
             if hinge.bodies[which] != body.name:
                 continue
-            _, outer = _sides(hinge, share)
+            omitted = share if isinstance(share, int | float) else share(hinge, which)
+            _, outer = _sides(hinge, omitted)
             points, bulges = _path(hinge, which, outer)
             ends = root_line(hinge, which)
             for i, loop in enumerate(loops):

@@ -26,8 +26,8 @@ class MassProperties:
 def mass_properties(stage: Stage) -> dict[str, MassProperties]:
     """Return mass, centre of mass and inertia of every body.
 
-    A body is its outline less its holes and mounting holes, the half notch of each of its hinges
-    that touches it, and its extra masses.
+    A body is its outline less its holes and mounting holes, of its own material where it has one,
+    the half notch of each of its hinges that touches it, and its extra masses.
 
     Parameters
     ----------
@@ -58,8 +58,11 @@ def mass_properties(stage: Stage) -> dict[str, MassProperties]:
     for hinge in stage.hinges:
         for name, side in zip(hinge.bodies, _SIDES, strict=True):
             halves[name].append((hinge, side))
-    surface_density = stage.thickness * stage.material.density
-    return {b.name: _of(b, tuple(halves[b.name]), surface_density) for b in stage.bodies}
+    h, notch = stage.thickness, stage.thickness * stage.material.density
+    return {
+        b.name: _of(b, tuple(halves[b.name]), notch, h * stage.material_of(b).density)
+        for b in stage.bodies
+    }
 
 
 def outer_size(stage: Stage) -> tuple[float, float, float]:
@@ -99,7 +102,7 @@ def _half_notch(profile: Profile) -> tuple[float, float, float, float]:
 # where stages follow one another of which a parameter changes, most bodies stay as they are
 @lru_cache(maxsize=4096)
 def _of(
-    body: Body, halves: tuple[tuple[Hinge, float], ...], surface_density: float
+    body: Body, halves: tuple[tuple[Hinge, float], ...], of_notches: float, of_body: float
 ) -> MassProperties:
     # about a point of the body, so that a small body far from the origin loses no digits
     ox, oy = body.outline.points[0]
@@ -111,17 +114,15 @@ def _of(
     plate = about(body.outline)
     for hole in (*body.holes, *body.mounting_holes):
         plate = plate.plus(about(hole), -1.0)
-    # mass, its first moments and its polar moment about the point
-    parts = [
-        tuple(surface_density * v for v in (plate.area, plate.x, plate.y, plate.xx + plate.yy))
-    ]
+    # mass, its first moments and its polar moment about the point, by mass for each area
+    parts = [tuple(of_body * v for v in (plate.area, plate.x, plate.y, plate.xx + plate.yy))]
     for hinge, side in halves:
         area, along, across, polar = _half_notch(hinge.profile)
         parts.append(
             _shifted(
-                surface_density * area,
+                of_notches * area,
                 hinge.to_plane(side * along / area, across / area),
-                surface_density * (polar - (along**2 + across**2) / area),
+                of_notches * (polar - (along**2 + across**2) / area),
                 (ox, oy),
             )
         )

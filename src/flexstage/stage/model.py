@@ -60,6 +60,10 @@ class Body:
     """True if it is fixed."""
     extra_masses: tuple[ExtraMass, ...] = ()
     """Masses mounted on it."""
+    material: Material | None = None
+    """Material of its outline, bonded to its half notches; that of the plate where not given."""
+    rigid: bool = False
+    """True if finite elements do not deform its outline, but by temperature."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -304,6 +308,36 @@ class Stage:
             for name in a.moved_by:
                 _require_name(f"axis '{a.name}'", "drive", name, drives)
             _require_name(f"axis '{a.name}'", "probe", a.probe, probes)
+
+    @property
+    def other_bodies(self) -> tuple[Body, ...]:
+        """Bodies that are rigid or of another material than the plate."""
+        return tuple(b for b in self.bodies if b.rigid or b.material not in (None, self.material))
+
+    @property
+    def materials(self) -> str:
+        """Material of the plate and what other bodies are, as text."""
+        parts = [self.material.name]
+        for body in self.other_bodies:
+            words = [] if body.material is None else [body.material.name]
+            parts.append(f"{body.name}: {', '.join([*words, *['rigid'] * body.rigid])}")
+        return "; ".join(parts)
+
+    @property
+    def material_notes(self) -> tuple[str, ...]:
+        """Note on the materials where there are several, or a rigid body."""
+        note = f"Materials: {self.materials}; half notches are of the first."
+        return (note,) if self.other_bodies else ()
+
+    @property
+    def expands(self) -> bool:
+        """Whether plate and bodies have coefficients of expansion."""
+        every = (self.material, *map(self.material_of, self.bodies))
+        return all(m.thermal_expansion is not None for m in every)
+
+    def material_of(self, body: Body) -> Material:
+        """Return the material of a body without its half notches."""
+        return body.material or self.material
 
     @property
     def own_notes(self) -> tuple[str, ...]:

@@ -25,6 +25,8 @@ from flexstage.stage.shapes import CHORD, Shape, body_shapes, drawn_openings, no
 _DISC = 2.0 * CHORD
 # the same for distances, which are too short by at most two chords
 _SLACK = 2.0 * CHORD
+# notches at an angle of more than about 10 deg touch over less than this in a corner
+_CORNER = 10.0 * _SLACK
 # faces count as the two sides of a slot if they are within this of being parallel: cos(45 deg)
 _FACING = -0.7
 _ARC_STEPS = 32
@@ -104,7 +106,7 @@ def slots_between(
         if a.is_notch != b.is_notch and (a.name in b.bodies or b.name in a.bodies):
             continue
         gap = a.polygon.distance(b.polygon)
-        if gap < wire_width - _SLACK:
+        if gap < wire_width - _SLACK and not _meet_in_corner(a, b):
             p, q = nearest_points(a.polygon, b.polygon)
             yield Issue(
                 severity="error",
@@ -114,6 +116,16 @@ def slots_between(
                 f"{millimetres(0.5 * (p.x + q.x), 0.5 * (p.y + q.y))}, less than the wire width of "
                 f"{millimetres(wire_width)}: widen the slot",
             )
+
+
+def _meet_in_corner(a: Shape, b: Shape) -> bool:
+    """Return whether two notches touch in a corner of a body that they share, and nowhere else."""
+    if not (a.is_notch and b.is_notch) or set(a.bodies).isdisjoint(b.bodies):
+        return False
+    if a.polygon.distance(b.polygon) > _SLACK:
+        return False
+    low_x, low_y, high_x, high_y = a.polygon.buffer(_SLACK).intersection(b.polygon).bounds
+    return float(np.hypot(high_x - low_x, high_y - low_y)) < _CORNER
 
 
 def slots_within(body: Body, wire_width: float) -> Iterator[Issue]:
@@ -355,6 +367,7 @@ def _between(shapes: Sequence[Shape], reach: float, narrowest: float) -> float:
                 shapes[a].is_notch != shapes[b].is_notch
                 and not {*shapes[a].bodies}.isdisjoint(shapes[b].bodies)
             )
+            and not _meet_in_corner(shapes[a], shapes[b])
             for a, b in zip(i.tolist(), j.tolist(), strict=True)
         ]
         first, second = polygons[i[apart]], polygons[j[apart]]

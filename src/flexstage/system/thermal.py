@@ -169,6 +169,12 @@ def why_no_drift(stage: Stage, system: MechanicalSystem) -> str:
             f"the material '{stage.material.name}' gives no thermal_expansion other than 0: add "
             "it to the material"
         )
+    unlike = {stage.material_of(b).thermal_expansion for b in stage.bodies}
+    if unlike != {stage.material.thermal_expansion}:
+        return (
+            "its bodies expand differently, and the base expands against all of them: the plate "
+            "must be of one thermal_expansion"
+        )
     if not any(load.name == "temperature" for load in system.loads):
         return (
             f"the {system.model} model does not expand: choose superelement, plane, "

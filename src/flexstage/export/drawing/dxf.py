@@ -235,7 +235,7 @@ def _title_lines(stage: Stage) -> list[tuple[str, str]]:
     return [
         ("Stage", stage.name),
         ("Title", stage.title or "-"),
-        ("Material", stage.material.name),
+        ("Material", stage.materials),
         ("Thickness", f"{millimetres(stage.thickness)} mm"),
         ("Units", "mm"),
         ("Software", f"flexstage {__version__}"),

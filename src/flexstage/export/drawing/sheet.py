@@ -136,6 +136,7 @@ def _notes(stage: Stage) -> list[str]:
         f"{millimetres(manufacture.wire_width)}{thinnest}.",
         "Marks at hinges: letter of the notch, number in the table of hinges.",
         "The DXF file has contours in full precision.",
+        *stage.material_notes,
     ]
     return [
         line

@@ -243,8 +243,15 @@ def process_of(stage: Stage, scatter: Scatter) -> Process:
     Raises
     ------
     ModelError
-        The scatter is so large that a notch is impossible.
+        The scatter is so large that a notch is impossible, or a body is rigid or of another
+        material.
     """
+    if stage.other_bodies:
+        raise ModelError(
+            f"tolerances are those of a plate of one material, and body "
+            f"'{stage.other_bodies[0].name}' is rigid or of another: remove its keys 'material' "
+            "and 'rigid'"
+        )
     necks = REACH * math.hypot(scatter.neck_common, scatter.neck_own)
     indices: dict[object, int] = {}
     tables: list[NotchTable] = []
