@@ -360,6 +360,12 @@ def _why_no_network(stage: Stage) -> str:
     for name in ("specific_heat", "thermal_conductivity"):
         if not getattr(stage.material, name):
             return f"the material '{stage.material.name}' gives no {name}: add it to the material"
+    other = [b.name for b in stage.bodies if stage.material_of(b) != stage.material]
+    if other:
+        return (
+            f"the body '{other[0]}' is of another material than the plate, and the network takes "
+            "one specific heat and conductivity: remove its material"
+        )
     return ""
 
 
