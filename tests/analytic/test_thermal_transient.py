@@ -25,7 +25,18 @@ from flexstage.files.request import option_words
 from flexstage.hinges import Leaf, RightCircular
 from flexstage.lumped import lumped_system
 from flexstage.quantities.material import material
-from flexstage.stage import Bench, Body, Circle, Hinge, Loop, Probe, Stage, read_stage, write_stage
+from flexstage.stage import (
+    Bench,
+    Body,
+    Circle,
+    ExtraMass,
+    Hinge,
+    Loop,
+    Probe,
+    Stage,
+    read_stage,
+    write_stage,
+)
 from flexstage.stage.designs import design
 from flexstage.stage.drive import DriveHeat
 from flexstage.stage.seat import FlatSeat, Preload
@@ -35,6 +46,7 @@ from flexstage.system import (
     MechanicalSystem,
     analyse,
     heat_network,
+    static_drives,
     static_loads,
     thermal_drift,
     thermal_transient,
@@ -106,6 +118,11 @@ def test_a_lump_warms_exponentially() -> None:
     exact = (2.0 * film + 0.5 * hinge) / (film + hinge) * (1.0 - np.exp(-rate * t))
     found = network.temperatures(bench, t)[network.index["body", "b1"]]
     assert found == pytest.approx(exact, rel=1e-9)
+    # a mass on it stores, and has no surface
+    heavy = replace(stage.bodies[1], extra_masses=(ExtraMass(mass=0.05, at=(7e-3, 0.0)),))
+    loaded = heat_network(replace(stage, bodies=(stage.bodies[0], heavy)))
+    assert loaded.capacity[0] == pytest.approx(capacity + 0.05 * METAL.specific_heat)
+    assert loaded.air[0] == pytest.approx(film)
     # along its longest side of 9 mm against its hinge
     assert network.biot["b1"] == pytest.approx((leaf / 5e-3) * 9e-3 / height, rel=1e-9)
 
@@ -149,6 +166,7 @@ def test_heat_is_balanced() -> None:
     network = heat_network(piezo(bench))
     # rows of G without base and air are sums of zero: heat leaves the network there alone
     assert network.conductance.sum(axis=1) == pytest.approx(network.base + network.air, abs=1e-12)
+    assert network.air[network.index["drive", "y"]] == pytest.approx(6.0 * 1.1e-3)
     t = np.linspace(0.0, 900.0, 20001)
     temperature = network.temperatures(bench, t)
     lost = (network.base + network.air) @ temperature
@@ -197,6 +215,24 @@ def test_equal_temperatures_give_the_thermal_drift(period: float | None) -> None
     ):
         for name, values in mine.items():
             assert values == pytest.approx([theirs[name]], rel=tolerance)
+
+
+def test_what_of_a_drive_lies_beyond_its_points_is_as_warm_as_its_reaction() -> None:
+    bench = replace(WARM_AIR, mount_conductance=0.3)
+    drives = piezo(bench).drives
+    both = [
+        thermal_transient(
+            replace(piezo(bench), drives=(replace(drives[0], length=length), drives[1])),
+            system(),
+            [150.0],
+        )
+        for length in (36e-3, 41e-3)
+    ]
+    warm = STACK * both[0].drives["x"] - METAL.thermal_expansion * both[0].bodies["G"]
+    moved = static_drives(piezo(bench), system(), {"x": 1e-6}).static.readings
+    for probe in "xy":
+        change = both[1].readings[probe] - both[0].readings[probe]
+        assert change == pytest.approx(moved[probe] / 1e-6 * 5e-3 * warm, rel=1e-6)
 
 
 def test_seats_that_lift_off_give_the_secant_of_the_thermal_drift() -> None:

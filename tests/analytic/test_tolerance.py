@@ -38,10 +38,13 @@ from flexstage.hinges import (
     stress_rows,
 )
 from flexstage.hinges.registry import with_neck_radius, with_neck_thickness
+from flexstage.lumped import lumped_system
 from flexstage.quantities.characteristic import Characteristics
+from flexstage.stage import Stage
 from flexstage.stage.designs import design
 from flexstage.stage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.stage.designs.pieces import Leg
+from flexstage.stage.seat import BallSeat, FlatSeat, Preload
 from flexstage.studies.explore import tolerance_choice
 from flexstage.studies.explore.deviations import KINDS, active_kinds, draw, flat, parts
 from flexstage.studies.explore.family import known_figures
@@ -51,9 +54,12 @@ from flexstage.studies.explore.manufactured_samples import (
     notch_table,
     process_of,
     sample_figures,
+    seated_figures,
 )
+from flexstage.studies.explore.prepare import ready_tolerance
+from flexstage.studies.explore.requests import ToleranceRequest
 from flexstage.studies.explore.spread import shares_of, spread_of, yield_of
-from flexstage.studies.explore.tolerance import monte_carlo_of, tolerance
+from flexstage.studies.explore.tolerance import monte_carlo_of, tolerance, with_necks
 from flexstage.studies.explore.tolerance_choice import choose_tolerances, scaled
 from flexstage.studies.explore.workers import Workers
 from flexstage.studies.models import analyse_model
@@ -576,3 +582,59 @@ def test_a_corrected_lot_is_near_superelements_of_each_stage(samples):
 def test_what_makes_no_lot_is_refused(given, said):
     with pytest.raises(ModelError, match=said):
         tolerance(design("parallelogram"), **given)
+
+
+def on_seats() -> Stage:
+    """Return the piezo stage with a ball and a spring at one drive, a rough flat at the other."""
+    x, y = design("vgtu-piezo").drives
+    seated = (
+        replace(x, seats=(BallSeat(radius=9e-3, contact_modulus=1.1e11),),
+                preload=Preload(force=70.0, spring_stiffness=1.7e6)),
+        replace(y, seats=(FlatSeat(roughness_length=0.4e-6),), preload=Preload(force=45.0)),
+    )  # fmt: skip
+    return replace(design("vgtu-piezo"), drives=seated)
+
+
+def test_samples_of_drives_on_seats_are_those_of_single_analyses() -> None:
+    stage = on_seats()
+    keys = seated_figures(stage)
+    assert keys == tuple(
+        (quantity, axis)
+        for axis in "xy"
+        for quantity in ("working_displacement", "lift_off_frequency_hz")
+    )
+    figures = [Figure(quantity=quantity, axis=axis) for quantity, axis in keys]
+    necks, strokes = np.array([-1.3, 2.1]), np.array([0.0, 1.5])
+    numbers = {
+        "neck_common": necks[:, None, None],
+        "stroke": np.repeat(strokes[:, None, None], 2, axis=1),
+    }
+    process = process_of(stage, Scatter(neck_common=11e-6, stroke=0.04))
+    values, _ = sample_figures(process, numbers, 2, figures)
+    for row, neck, stroke in zip(values, necks, strokes, strict=True):
+        longer = (
+            replace(d, free_stroke=(1.0 + 0.04 * stroke) * d.free_stroke) for d in stage.drives
+        )
+        other = with_necks(replace(stage, drives=tuple(longer)), 11e-6 * neck)
+        table = analyse(other, lumped_system(other)).characteristics
+        assert row == pytest.approx([table.value(*key) for key in keys], rel=1e-6)
+    # stages without seats have none
+    assert seated_figures(design("vgtu-piezo")) == ()
+
+
+def test_a_tolerance_analysis_has_the_figures_of_drives_on_seats() -> None:
+    request = ToleranceRequest(
+        of=("working_displacement", "lift_off_frequency.x"),
+        require=("working_displacement.x >= 50 um",),
+        samples=60,
+        model="lumped",
+    )
+    study = ready_tolerance(request, on_seats())(Workers(1), None)
+    x, y, lifts = study.spreads
+    assert [s.figure.name for s in study.spreads] == [
+        "working_displacement.x", "working_displacement.y", "lift_off_frequency.x",
+    ]  # fmt: skip
+    assert x.standard_deviation / x.nominal == pytest.approx(0.05, rel=0.5)  # of the free stroke
+    assert all(np.isfinite(study.values).ravel())
+    assert lifts.standard_deviation > 0.0
+    assert y.nominal > 0.0

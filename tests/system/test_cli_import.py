@@ -1,6 +1,7 @@
 """`flexstage import`, and drawings in place of stage files."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import ezdxf
@@ -95,7 +96,11 @@ def test_commands_take_a_drawing_as_a_stage(
             "there is none: the nearest is",
         ),
         (("import", "part.dxf", "--fixed", "frame"), "--fixed is a point on the fixed body"),
-        (("import", "part.dxf", "--contours", "neck_limit=0.1 mm"), "the drawing contains no neck"),
+        (("import", "part.dxf", "--body", "frame: rigid"), "--body is a point on the body"),
+        (("import", "part.dxf", "--body", "0,40"), 'then a material or "rigid" or both'),
+        (("import", "part.dxf", "--body", "0,40: gold"), "no material 'gold'"),
+        (("import", "part.dxf", "--body", "900,0: rigid"), "--body names a body at"),
+        (("import", "part.dxf", "--contours", "neck_limit=0.1 mm"), "0.1 mm: its thinnest place is"),
         (("import", "part.dwg"), "a drawing ends in .dxf, .step, .stp"),
     ],
 )
@@ -151,6 +156,20 @@ def test_the_body_that_is_held_may_be_said(drawing: str) -> None:
     told = DrawingOptions(thickness=8e-3, material="Al 7075-T6", fixed=("0,40",))
     (held,) = (b for b in find_stage(drawing, drawing=told).bodies if b.fixed)
     assert max(y for _, y in held.outline.points) == pytest.approx(46e-3)
+
+
+def test_bodies_may_be_rigid_or_of_another_material(drawing: str) -> None:
+    told = DrawingOptions(
+        thickness=8e-3, material="Al 7075-T6", body=("0,40: stainless steel 304, rigid",)
+    )
+    stage = find_stage(drawing, drawing=told)
+    (steel,) = stage.other_bodies
+    assert max(y for _, y in steel.outline.points) == pytest.approx(46e-3)
+    assert stage.material_of(steel).name == "Stainless steel 304"
+    assert steel.rigid
+    told = replace(told, body=("0,40: rigid",))
+    (rigid,) = find_stage(drawing, drawing=told).other_bodies
+    assert (rigid.name, rigid.material, rigid.rigid) == (steel.name, None, True)
 
 
 def test_a_solid_that_is_no_plate_is_refused(tmp_path: Path) -> None:

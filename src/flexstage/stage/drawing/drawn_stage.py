@@ -231,6 +231,19 @@ def _named_bodies(
             )
         )
     fixed_bodies = _fixed_bodies(bodies, drawn_bodies, order, o, sheet)
+    others = {}
+    for option in o.body:
+        point, _, rest = option.partition(":")
+        words = [w.strip() for w in rest.split(",")]
+        names = [w for w in words if w != "rigid"]
+        if len(names) > 1 or not all(words):
+            raise StageError(
+                'a body is its point, then a material or "rigid" or both, such as "12,4: Invar 36, '
+                f"rigid\", got '{option}'"
+            )
+        body_material = material(names[0]) if names else None
+        n = _body_of_option(bodies, point, sheet, "body")
+        others[n] = {"material": body_material, "rigid": "rigid" in words}
     renamed, number = [], 0
     for n, body in enumerate(bodies):
         if n in fixed_bodies:
@@ -247,6 +260,7 @@ def _named_bodies(
                 holes=body.holes,
                 mounting_holes=body.mounting_holes,
                 fixed=n in fixed_bodies,
+                **others.get(n, {}),
             )
         )
     place = [0] * len(drawn_bodies)
@@ -264,7 +278,7 @@ def _fixed_bodies(
 ) -> set[int]:
     """Return the numbers of the fixed bodies."""
     if o.fixed:
-        return {_body_of_option(bodies, text, sheet) for text in o.fixed}
+        return {_body_of_option(bodies, text, sheet, "fixed body") for text in o.fixed}
     sizes = [b.outline.integrals().area for b in bodies]
 
     def rank(n: int) -> tuple[int, float]:
@@ -285,7 +299,9 @@ def _is_outside(bodies: list[Body], n: int) -> bool:
     )
 
 
-def _body_of_option(bodies: list[Body], text: str, sheet: Sheet) -> int:
+def _body_of_option(bodies: list[Body], text: str, sheet: Sheet, what: str) -> int:
+    option = what.split(maxsplit=1)[0]
+    verb = "holds" if option == "fixed" else "names"
     words = text.split(",")
     if len(words) == 2:
         try:
@@ -294,10 +310,10 @@ def _body_of_option(bodies: list[Body], text: str, sheet: Sheet) -> int:
             point = None
         if point is not None:
             at = Places(sheet.unit, sheet.unit_name)
-            name = at.body(bodies, point, "--fixed holds")
+            name = at.body(bodies, point, f"--{option} {verb}")
             return next(n for n, b in enumerate(bodies) if b.name == name)
     raise StageError(
-        "--fixed is a point on the fixed body, such as 12,4 in the unit of the drawing, got "
+        f"--{option} is a point on the {what}, such as 12,4 in the unit of the drawing, got "
         f"'{text}'"
     )
 

@@ -43,6 +43,10 @@ class DrawingOptions(Request):
     """A point on a fixed body of the drawing, in its unit (default: the outer body with the most
     mounting holes, or else the largest).
     """
+    body: Annotated[tuple[str, ...], Written("X,Y:MATERIAL")] = ()
+    """A body of another material, or a rigid one, by a point on it in the unit of the drawing:
+    "12,4: Invar 36", "12,4: rigid", or "12,4: Invar 36, rigid".
+    """
     drive: tuple[str, ...] = ()
     """A drive of the drawing, from the body it reacts on to the body it pushes, in the unit of the
     drawing: "x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um".

@@ -17,12 +17,16 @@ from flexstage.base.errors import FlexstageError, ModelError
 from flexstage.hinges import Profile, compliance, stress_rows
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.hinges.registry import with_neck_radius, with_neck_thickness
+from flexstage.lumped import lumped_system
 from flexstage.lumped.assemble import HingeSpring, hinge_springs
 from flexstage.lumped.batch import assemble_batch
 from flexstage.lumped.stage_arrays import StageArrays, stage_arrays
-from flexstage.stage import PiezoStack, Stage, mass_properties
+from flexstage.stage import Force, PiezoStack, Stage, mass_properties
 from flexstage.studies.explore.figures import Figure
+from flexstage.system import analyse
+from flexstage.system.batch import SystemBatch
 from flexstage.system.batch_analysis import batch_characteristics
+from flexstage.system.seated_drives import contact_forces
 from flexstage.virtual.imperfections import Scatter
 
 #: Error of the polynomial, as a share of the largest value of its kind.
@@ -430,9 +434,79 @@ def sample_figures(
     are coupled differently from the nominal ones.
     """
     stages, impossible = manufactured_samples(process, numbers, samples)
-    columns = batch_characteristics(assemble_batch(stages), {figure.key for figure in figures})
+    batch, keys = assemble_batch(stages), {figure.key for figure in figures}
+    on_seats = {key for key in keys if key[0] in _ON_SEATS}
+    frequencies = {("natural_frequency_hz", axis) for _, axis in on_seats}
+    columns = batch_characteristics(batch, (keys - on_seats) | frequencies)
+    if on_seats:
+        columns |= _on_seats(batch, columns)
     values = np.empty((samples, len(figures)))
     for i, figure in enumerate(figures):
         values[:, i] = columns[figure.key]
     values[impossible] = np.nan
     return values, impossible
+
+
+# quantities of drives on their seats
+_ON_SEATS = ("working_displacement", "lift_off_frequency_hz")
+
+
+@lru_cache(maxsize=32)
+def seated_figures(stage: Stage) -> tuple[tuple[str, str], ...]:
+    """Return the figures of drives on their seats that samples have, by quantity and axis.
+
+    They are those of an analysis, of axes that one drive moves.
+    """
+    if not any(drive.seats or drive.preload for drive in stage.drives):
+        return ()
+    analysis = analyse(stage, lumped_system(stage))
+    alone = {state.axis for state in analysis.axes if len(state.drives) == 1}
+    rows = ((row.quantity, row.axis) for row in analysis.characteristics)
+    return tuple(key for key in rows if key[0] in _ON_SEATS and key[1] in alone)
+
+
+def _on_seats(
+    batch: SystemBatch, columns: Mapping[tuple[str, str], Array]
+) -> dict[tuple[str, str], Array]:
+    """Return the figures of `seated_figures` of samples, as an analysis computes them of one."""
+    stage, samples = batch.stage, batch.samples
+    drives = [d for d in stage.drives if not isinstance(d, Force)]
+    which = [stage.drives.index(d) for d in drives]
+    order = 3 * (1 + max(max(pair) for pair in batch.blocks))
+
+    def rows(parts: Array, bodies: Sequence[tuple[int, int]]) -> Array:
+        out = np.zeros((samples, len(bodies), order))
+        for i, pair in enumerate(bodies):
+            for side, body in enumerate(pair):
+                if body >= 0:
+                    out[:, i, 3 * body : 3 * body + 3] += parts[:, i, side]
+        return out
+
+    K = np.zeros((samples, order, order))
+    for (i, j), block in zip(batch.blocks, batch.stiffness.swapaxes(0, 1), strict=True):
+        K[:, 3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = block
+        K[:, 3 * j : 3 * j + 3, 3 * i : 3 * i + 3] = block.swapaxes(1, 2)
+    d = rows(batch.drive, batch.drive_bodies)[:, which]
+    p = rows(batch.probe, batch.probe_bodies)
+    springs = np.array([o.preload.spring_stiffness if o.preload else 0.0 for o in drives])
+    sprung = K + np.einsum("i,sij,sik->sjk", springs, d, d)
+    bare, shapes = (np.linalg.solve(k, d.swapaxes(1, 2)) for k in (K, sprung))
+    alone, together = d @ bare, d @ shapes
+    strokes = np.broadcast_to(batch.stroke, (samples, len(stage.drives)))
+    out = {}
+    for quantity, axis in seated_figures(stage):
+        drive = stage.drive_of(axis)
+        i, length = drives.index(drive), strokes[:, stage.drives.index(drive)]
+        if quantity == "working_displacement":
+            # the batch has the elongation of the drive with its preload spring
+            free = np.zeros((samples, len(drives)))
+            free[:, i] = length * (drive.stroke or 0.0) / (drive.mounted.stroke or math.inf)
+            forces = [contact_forces(drives, a, w) for a, w in zip(together, free, strict=True)]
+            probe = [o.name for o in stage.probes].index(stage.axis(axis).probe)
+            reading = np.einsum("sj,sji->si", p[:, probe], shapes)
+            out[quantity, axis] = np.einsum("si,si->s", reading, np.array(forces))
+        elif drive.preload is not None and ("natural_frequency_hz", axis) in columns:
+            force = length / alone[:, i, i]
+            ratio = 1.0 + (springs[i] * length + drive.preload.force) / force
+            out[quantity, axis] = columns["natural_frequency_hz", axis] * np.sqrt(2.0 * ratio)
+    return out

@@ -24,6 +24,7 @@ from flexstage.studies.explore.figures import (
     requirement_of,
     requirements_of,
 )
+from flexstage.studies.explore.manufactured_samples import seated_figures
 from flexstage.studies.explore.optimise.default_requirements import (
     CHECK,
     default_requirements,
@@ -223,7 +224,7 @@ def ready_tolerance(
         raise ModelError(
             "--target-yield needs at least one --require: a requirement on a good stage"
         )
-    known = batched_figures(stage)
+    known = (*batched_figures(stage), *seated_figures(stage))
     figures = requested_figures(request.of, known)
     requirements = requirements_of(request.require, known)
 
