@@ -42,10 +42,18 @@ def find_necks(
             raise StageError(
                 f"the neck about {part.place((x, y))}, {each.thickness * 1e3:.4g} mm thick, "
                 "matches no hinge profile: both halves must be equal, and both sides equal or "
-                "one of them straight; correct the drawing there, or exclude the neck by "
-                "--contours neck_limit=LENGTH below its thickness"
+                "one of them straight; correct the drawing there, exclude the neck by "
+                "--contours neck_limit=LENGTH below its thickness, or, where a strip continues "
+                "around corners, write it into a stage file as leaves with 'notch_depth: 0'"
             )
         necks.append(neck)
+    if not necks and limit is not None and thin_places.passes:
+        thinnest = min(p.thickness for p in thin_places.passes)
+        raise StageError(
+            f"the drawing contains no neck below neck_limit, {limit * 1e3:.4g} mm: its thinnest "
+            f"place is {thinnest * 1e3:.4g} mm thick; give a limit above that, or write strips "
+            "that continue around corners into a stage file as leaves with 'notch_depth: 0'"
+        )
     if not necks:
         raise StageError(
             "the drawing contains no neck: no place of the part is much thinner than the "
