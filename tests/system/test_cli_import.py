@@ -100,7 +100,10 @@ def test_commands_take_a_drawing_as_a_stage(
         (("import", "part.dxf", "--body", "0,40"), 'then a material or "rigid" or both'),
         (("import", "part.dxf", "--body", "0,40: gold"), "no material 'gold'"),
         (("import", "part.dxf", "--body", "900,0: rigid"), "--body names a body at"),
-        (("import", "part.dxf", "--contours", "neck_limit=0.1 mm"), "0.1 mm: its thinnest place is"),
+        (
+            ("import", "part.dxf", "--contours", "neck_limit=0.1 mm"),
+            "0.1 mm: its thinnest place is",
+        ),
         (("import", "part.dwg"), "a drawing ends in .dxf, .step, .stp"),
     ],
 )

@@ -250,8 +250,15 @@ def _uncoupled(
             for name in masses:
                 where = continuum.mesh.MaterialCF({body_regions(stage, name): 1.0}, default=0.0)
                 heated[name] = continuum.thermal(where)
-    ports = Ports(drives=drives, probes=probes, bodies=bodies, loads=loads, heated=heated)
-    right = np.array(ports.static_vectors(stage)).reshape(-1, continuum.size).T
+    ports = Ports(
+        drives=drives,
+        probes=probes,
+        bodies=bodies,
+        loads=loads,
+        heated=heated,
+        turned=tuple(dict.fromkeys(p.body for p in stage.probes)) if heated else (),
+    )
+    right = np.array(ports.static_vectors()).reshape(-1, continuum.size).T
     omega, basis, is_mode = project(continuum, right, count, attached)
     progress.update("stress", 0.85)
     points = neck_points(continuum.mesh, stage)

@@ -241,14 +241,16 @@ class Ports:
     heated: Mapping[str, Array] = field(default_factory=dict)
     """Force on the coordinates for one kelvin of each body, shape (n,), where heat flows."""
 
-    def static_vectors(self, stage: Stage) -> list[Array]:
-        """Return the rows whose static responses are exact: with heat also of rotations."""
-        turned = dict.fromkeys(p.body for p in stage.probes) if self.heated else ()
+    turned: tuple[str, ...] = ()
+    """Bodies whose rotation in the plane has an exact static response."""
+
+    def static_vectors(self) -> list[Array]:
+        """Return the rows whose static responses are exact."""
         return [
             *self.drives.values(),
             *self.probes.values(),
             *(v for v, _ in self.loads.values()),
-            *(self.bodies[name][1][2] for name in turned),
+            *(self.bodies[name][1][2] for name in self.turned),
         ]
 
     def changed(self, change: Callable[[Array], Array]) -> "Ports":
@@ -259,6 +261,7 @@ class Ports:
             bodies={name: (at, change(rows)) for name, (at, rows) in self.bodies.items()},
             loads={name: (change(v), unit) for name, (v, unit) in self.loads.items()},
             heated={name: change(v) for name, v in self.heated.items()},
+            turned=self.turned,
         )
 
 
@@ -282,6 +285,7 @@ def side_by_side(parts: Sequence[Ports], sizes: Sequence[int]) -> Ports:
         bodies=wider[0].bodies,
         loads={name: v for ports in wider for name, v in ports.loads.items()},
         heated=wider[0].heated,
+        turned=wider[0].turned,
     )
 
 
