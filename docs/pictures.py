@@ -69,7 +69,7 @@ def plate(
         fill = fill_of(stage, name)
         axes.add_patch(
             PathPatch(
-                shape.path(_MM), facecolor=fill, edgecolor=INK, linewidth=0.4,
+                shape.path(), facecolor=fill, edgecolor=INK, linewidth=0.4,
                 transform=place + axes.transData, zorder=1 if fill == FIXED else 2,
             )
         )  # fmt: skip
@@ -284,6 +284,40 @@ def piezo_stage() -> "Figure":
     return draw_stage(design("vgtu-piezo"))
 
 
+def published_stages() -> "Figure":
+    """The published stages and parts, the parts from a corner."""
+    from matplotlib.collections import LineCollection
+
+    from examples.published import parts
+    from flexstage.elasticity.shapes import face
+    from flexstage.fem.part import Part, part_surface
+    from flexstage.stage import read_stage
+    from tests.published_stages import arm_outline, gripper_outline
+
+    figure = new_figure(9.0, 5.0)
+    panels = iter(figure.subplots(3, 4).flat)
+    for file in sorted((Path(parts.__file__).parent).glob("*.yaml")):
+        axes = next(panels)
+        plate(axes, read_stage(file))
+        axes.set_title(file.stem.replace("-", " "), fontsize=7.0)
+    shapes = {name: make() for name, make in parts.PARTS.items()}
+    for name, outline in (("gripper", gripper_outline()), ("arm on two beams", arm_outline())):
+        shapes[name] = face(*outline).Extrude(1.0).solids[0]
+    # x, y and z of a drawing as seen from a corner
+    corner = np.array([[0.87, -0.5], [0.87, 0.5], [0.0, 1.0]])
+    for name, shape in shapes.items():
+        axes = next(panels)
+        view = corner if name in parts.PARTS else np.eye(3)[:, :2]
+        lines = _MM * part_surface(Part.from_shape(shape)).lines @ view
+        axes.add_collection(LineCollection(lines, colors=INK, linewidths=0.5))
+        axes.set_title(name.replace("-", " "), fontsize=7.0)
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+    for axes in figure.axes:
+        axes.set_axis_off()
+    return figure
+
+
 def moving_necks() -> "Figure":
     """The necks of the piezo stage that its frequencies and stresses hang on."""
     from flexstage.report.figures.sensitivity import draw_moving_necks
@@ -371,6 +405,7 @@ PICTURES: dict[str, Callable[[], "Figure"]] = {
     "guide.png": guide,
     "vgtu-piezo.png": piezo_stage,
     "moving-necks.png": moving_necks,
+    "published-stages.png": published_stages,
     "inverse-on-twin.png": inverse_on_twin,
     "control-on-twin.png": control_on_twin,
     **{f"design-{name}.png": partial(one_design, name) for name in DESIGNS},

@@ -228,6 +228,13 @@ def reached(folder: Path) -> None:
     assert page.count('class="plot"') > 30
 
 
+def repository(file: Path) -> None:
+    """A file of the repository, in whose root a command is printed."""
+    parts = file.parts
+    file.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(ROOT / Path(*parts[parts.index("examples") :]), file)
+
+
 def solid(file: Path) -> None:
     """A joint with a round notch as a STEP file, which takes less time than a guide."""
     from netgen.occ import Axes, Box, Cylinder, Pnt, X, Y
@@ -276,6 +283,10 @@ GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
     "keep-records.md": {"rk9/records/loops-x.stream": torn},
     "finite-elements.md": {"joint.step": solid},
     "ansys-comparison.md": {"flexor_025.step": public},
+    "published-stages.md": {
+        f"examples/published/{name}": repository
+        for name in ("two-leaf-parallelogram.yaml", "parts.py")
+    },
     "write-a-plan.md": {"bad.yaml": bad_plan},
     "ni-acquisition.md": {"mine.yaml": cycles_plan},
     "run-the-piezo-stage.md": {"second-run": interrupted},
