@@ -179,7 +179,7 @@ def test_the_end_of_a_scott_russell_linkage_moves_straight_over_a_long_stroke() 
     stage = scott_russell(p)
     # leaves guide the drive, whose own sag is none of the linkage's line
     model = mechanism(stage)
-    model = replace(model, hinges=tuple(replace(h, shortening=(0.0, 0.0)) for h in model.hinges))
+    model = replace(model, hinges=tuple(replace(h, leaf=None) for h in model.hinges))
     path = stroke_path(model, "y", "y", np.linspace(-0.3e-3, 0.3e-3, 13))
     stroke = float(np.ptp(path.along))
     assert stroke == pytest.approx(0.6e-3 / math.tan(p.link_angle), rel=0.02)

@@ -14,7 +14,7 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.hinges import HingeCompliance, Profile, compliance, stress_rows
-from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
+from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState, held_leaf_stiffening
 from flexstage.stage import (
     Drive,
     Hinge,
@@ -89,6 +89,8 @@ def hinge_matrix(layout: BodyCoordinates, hinge: Hinge) -> Array:
 
 #: Methods of hinge stiffness that include the roots in the bodies.
 WITH_ROOTS = ("wedge", "finite-element")
+# a flat part of so many necks is a leaf
+_LEAF = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -279,7 +281,6 @@ def lumped_system(
         row[:, at] = stress @ force
         rows.append(row)
         owner += [i] * stress.shape[0]
-    planes = sorted({s.plane for s in springs})
     bodies = tuple(
         BodyPort(name=n, centre=p.centre, matrix=point_matrix(layout, n, p.centre))
         for n, p in properties.items()
@@ -304,8 +305,8 @@ def lumped_system(
         ),
         axes=tuple(AxisPort(name=a.name, drives=a.moved_by, probe=a.probe) for a in stage.axes),
         damping=damping,
-        validity=_validity(stage, method, planes, damping),
-        settings={"model": "lumped", "method": method, "plane": " and ".join(planes)},
+        validity=_validity(stage, springs, method, damping),
+        settings={"model": "lumped", "method": method, "plane": _planes(springs)},
     )
 
 
@@ -338,15 +339,32 @@ def _probe_port(layout: BodyCoordinates, probe: Probe) -> ProbePort:
     )
 
 
-def _validity(stage: Stage, method: str, planes: list[str], damping: Damping) -> tuple[str, ...]:
+def _planes(springs: tuple[HingeSpring, ...]) -> str:
+    return " and ".join(sorted({s.plane for s in springs}))
+
+
+def _validity(
+    stage: Stage, springs: tuple[HingeSpring, ...], method: str, damping: Damping
+) -> tuple[str, ...]:
     notes = [
         "Lumped model: bodies are rigid. Compared with 3D finite elements of the study's stages, "
         "the transmission ratio is 2.5 to 4.5 % too large and the first frequencies are 1 to 2.5 % "
         "too high; cross-axis motion, which comes from bending of the platform, is far too small.",
         "Plane motion only: out-of-plane modes are not modelled.",
-        f"Plane {' and '.join(planes)} at the notches ({PLANE_RULE}).",
+        f"Plane {_planes(springs)} at the notches ({PLANE_RULE}).",
         "Natural frequencies belong to the bare stage, drives removed, unless labelled otherwise.",
     ]
+    nu = stage.material.poissons_ratio
+    excess = [
+        1.0 / (1.0 - nu**2) / held_leaf_stiffening(stage.thickness, profile.flat_length, nu) - 1.0
+        for profile in (s.hinge.profile for s in springs if s.plane == "strain")
+        if profile.flat_length > _LEAF * profile.neck_thickness
+    ]
+    if excess:
+        notes.append(
+            f"Leaves are up to {100.0 * max(excess):.0f} % too stiff in bending: they are in plane "
+            "strain over their whole length, but only their ends hold their width."
+        )
     if method not in WITH_ROOTS:
         notes.append(
             f"Hinges by {method} beam theory without their roots: 2 to 20 % too stiff in rotation."

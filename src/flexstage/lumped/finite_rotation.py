@@ -1,26 +1,25 @@
 r"""The lumped model with finite rotations: energy, forces and tangent stiffness.
 
-Every hinge stores :math:`\tfrac12\mathbf x^T k\,\mathbf x` in the deformation
-:math:`\mathbf x = (u + s, v, \vartheta)` in a frame turning with the *mean* rotation of
-its two bodies (`Connections`). A leaf shortens as it bends, by :math:`s = \tfrac12(c_v v^2 +
-c_\vartheta\vartheta^2)` of the slopes of its deflection (`flexstage.hinges.deflection`): between
-parallel ends by 3/5 v^2/l (S. Awtar, A. H. Slocum, E. Sevincer, J. Mech. Des. 129 (2007) 625).
-Large rigid motion of the whole costs no energy, forces are the exact gradient and the tangent the
-exact Hessian of one energy, and at rest the tangent is the linear K. Masses are constant in these
-coordinates: T is quadratic with the linear M.
+A notch stores :math:`\tfrac12\mathbf x^T k\,\mathbf x` in the deformation
+:math:`\mathbf x = (u, v, \vartheta)` in a frame turning with the *mean* rotation of its two bodies
+(`Connections`). A leaf, which is a notch with a part of constant thickness, is a geometrically
+exact beam (`flexstage.lumped.leaf`). Large rigid motion of the whole costs no energy, forces are
+the exact gradient and the tangent the exact Hessian of one energy, and at rest the tangent is the
+linear K. Masses are constant in these coordinates: T is quadratic with the linear M.
 
-Validity: finite rotations of bodies, hinge stiffness constant; shortening to second order in the
-deformation, without what axial forces change of the deflection. That of notches is far below their
-elongation and excluded.
+Validity: finite rotations of rigid bodies. The stiffness of a notch is constant, and its shortening
+by bending, far below its elongation, is excluded; of leaves see there.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
+from flexstage.lumped.leaf import LeafState, LeafTangent, Leaves, leaves
 from flexstage.lumped.rigid_bodies import Mechanism, Sight
 
 
@@ -39,9 +38,9 @@ class Connections:
         \vartheta = \theta_b - \theta_a .
 
     The deformation is seen in a frame that turns with the bodies (:math:`w_a + w_b = 1`), so a
-    rigid motion of both, however large, leaves it unchanged. Hinges use the *mean* rotation,
+    rigid motion of both, however large, leaves it unchanged. Notches use the *mean* rotation,
     :math:`w_a = w_b = 1/2`: it is the only choice that does not depend on which body is called a.
-    Drives and probes use :math:`w_a = 1`: their direction is fixed in the body they react on.
+    Leaves, drives and probes use :math:`w_a = 1`: their direction is fixed in body a.
     """
 
     gather: Array
@@ -61,6 +60,11 @@ class Connections:
     def count(self) -> int:
         """Number of connections h."""
         return self.direction.size
+
+    @property
+    def spread(self) -> Array:
+        """The same as `gather` for each connection, shape (h, 6, n)."""
+        return self.gather.reshape(self.count, 6, self.gather.shape[1])
 
     def deformation(self, q: Array) -> Array:
         """Return along, across and rotation of each connection [m, m, rad], shape (..., h, 3)."""
@@ -112,6 +116,16 @@ class Connections:
         out[..., 2, 5] = dot(wa * turned_b - wb * turned_a - wa * wb * rotated)
         out[..., 5, 2] = out[..., 2, 5]
         return out
+
+    def deformation_rate(self, rates: Array, velocity: Array) -> Array:
+        """Return the rate of each deformation for rates of the coordinates, shape (..., h, 3)."""
+        local = (velocity @ self.gather.T).reshape(*velocity.shape[:-1], self.count, 6, 1)
+        return (rates @ local)[..., 0]
+
+    def gathered(self, force: Array, rates: Array) -> Array:
+        """Return the forces on the coordinates of forces (N, V, M), shape (..., h, 3)."""
+        local = (force[..., None, :] @ rates)[..., 0, :]
+        return local.reshape(*local.shape[:-2], -1) @ self.gather
 
     def _state(
         self, q: Array
@@ -186,6 +200,21 @@ def _turn_change(theta: Array, r: Array) -> Array:
     return np.stack((-versine * x - sin * y, sin * x - versine * y), axis=-1)
 
 
+class LeafStep(NamedTuple):
+    """Relation by which leaves follow a step of the bodies, to first order."""
+
+    tangent: LeafTangent
+    """Relation of their deformations."""
+    rates: Array
+    """Derivatives of the deformations by the coordinates of their bodies, shape (..., h, 3, 6)."""
+    ends: Connections
+    """Their ends."""
+
+    def after(self, step: Array) -> LeafState:
+        """Return the states of the leaves after a step of the bodies, shape (..., n)."""
+        return self.tangent.after(self.ends.deformation_rate(self.rates, step))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NonlinearMechanism:
     """A mechanism with finite rotations.
@@ -201,13 +230,13 @@ class NonlinearMechanism:
     mass: Array
     """Diagonal of M [kg, kg m^2], shape (n,)."""
     stiffness: Array
-    """Stiffness of each hinge, shape (h, 3, 3)."""
-    shortening: Array
-    """Shortening of each hinge over half the square of its deformation across [1/m] and in rotation
-    [m], shape (h, 2).
-    """
-    hinges: Connections
-    """The hinges."""
+    """Stiffness of each notch, shape (h, 3, 3)."""
+    notches: Connections
+    """The notches."""
+    leaves: Leaves
+    """The leaves, as beams."""
+    leaf_ends: Connections
+    """The ends of the leaves, in axes that turn with their bodies a."""
     drives: Connections
     """The drives, in the order of the mechanism."""
     probes: Connections
@@ -218,18 +247,24 @@ class NonlinearMechanism:
         """Number of coordinates n."""
         return self.mass.size
 
-    def _strained(self, q: Array) -> tuple[Array, Array]:
-        """Return the deformation of each hinge, elongated by its bending, and its derivatives."""
-        x, b = self.hinges.rates(np.asarray(q, dtype=float))
-        bent = self.shortening * x[..., 1:]
-        x[..., 0] += 0.5 * np.sum(bent * x[..., 1:], axis=-1)
-        b[..., 0, :] += (bent[..., None, :] @ b[..., 1:, :])[..., 0, :]
-        return x, b
+    def leaf_states(self, q: Array) -> LeafState:
+        """Return the states of the leaves.
+
+        Raises
+        ------
+        ConvergenceError
+            A leaf cannot be followed to its deformation.
+        """
+        return self.leaves.solve(self.leaf_ends.deformation(np.asarray(q, dtype=float)))
 
     def potential_energy(self, q: Array) -> Array:
         """Return the energy V stored in the hinges [J], shape (...)."""
-        x, _ = self._strained(q)
-        return 0.5 * np.einsum("...hi,hij,...hj->...", x, self.stiffness, x)
+        q = np.asarray(q, dtype=float)
+        x = self.notches.deformation(q)
+        energy = 0.5 * np.einsum("...hi,hij,...hj->...", x, self.stiffness, x)
+        if self.leaves.count:
+            energy = energy + self.leaves.energy(self.leaf_states(q))
+        return energy
 
     def kinetic_energy(self, velocity: Array) -> Array:
         """Return the kinetic energy T [J], shape (...)."""
@@ -237,33 +272,94 @@ class NonlinearMechanism:
 
     def force(self, q: Array) -> Array:
         """Return the internal forces dV/dq [N, N m], shape (..., n)."""
-        x, b = self._strained(q)
-        spring = (self.stiffness @ x[..., None])[..., 0]
-        local = (spring[..., None, :] @ b)[..., 0, :]
-        return local.reshape(*local.shape[:-2], -1) @ self.hinges.gather
+        q = np.asarray(q, dtype=float)
+        return self.damped_force(q, np.zeros_like(q), 0.0, self.leaf_states(q))[0]
 
-    def geometric_stiffness(self, q: Array, spring: Array) -> Array:
-        """Return the geometric stiffness by forces of the hinges at a state.
+    def damped_force(
+        self, q: Array, velocity: Array, beta: float, state: LeafState
+    ) -> tuple[Array, "LeafStep"]:
+        """Return the forces of hinges with dampers of beta [s] times their tangent stiffness.
 
-        The forces are (N, V, M), shape (h, 3), the stiffness has shape (n, n).
+        The forces are those when the leaves have followed the bodies from their states. The dampers
+        act on the rates of the deformations, so that rigid motion is not damped.
         """
-        return _assembled(self.hinges, self.hinges.curvature(np.asarray(q, dtype=float), spring))
+        x, b = self.notches.rates(q)
+        if beta:
+            x = x + beta * self.notches.deformation_rate(b, velocity)
+        force = self.notches.gathered((self.stiffness @ x[..., None])[..., 0], b)
+        leaf = self.leaf_step(q, state)
+        if self.leaves.count:
+            spring = leaf.tangent.force
+            if beta:
+                rate = beta * self.leaf_ends.deformation_rate(leaf.rates, velocity)
+                spring = spring + (leaf.tangent.stiffness @ rate[..., None])[..., 0]
+            force = force + self.leaf_ends.gathered(spring, leaf.rates)
+        return force, leaf
 
-    def deformation_rates(self, q: Array) -> Array:
-        """Return the derivatives of each hinge's deformation at one state, shape (h, 3, n)."""
-        _, b = self.hinges.rates(np.asarray(q, dtype=float))
-        return b @ self.hinges.gather.reshape(self.hinges.count, 6, self.order)
+    def leaf_step(self, q: Array, state: LeafState) -> "LeafStep":
+        """Linearise the leaves at their states and those of the bodies."""
+        x, b = self.leaf_ends.rates(q)
+        return LeafStep(self.leaves.tangent(state, x), b, self.leaf_ends)
 
     def tangent(self, q: Array) -> Array:
         """Return the tangent stiffness d2V/dq2 at one state, shape (n, n)."""
         q = np.asarray(q, dtype=float)
-        x, b = self._strained(q)
-        spring = (self.stiffness @ x[..., None])[..., 0]
-        bending, tension = b[..., 1:, :], spring[..., :1] * self.shortening
-        local = np.swapaxes(b, -1, -2) @ self.stiffness @ b
-        local += np.swapaxes(bending, -1, -2) @ (tension[..., None] * bending)
-        spring[..., 1:] += tension * x[..., 1:]
-        return _assembled(self.hinges, local + self.hinges.curvature(q, spring))
+        return self.linearised(q, self.leaf_states(q))[0]
+
+    def linearised(self, q: Array, state: LeafState) -> tuple[Array, Array, "LeafStep"]:
+        """Linearise at one state of bodies and leaves.
+
+        Returns the stiffness, shape (n, n), and the forces when the leaves have followed the
+        bodies, shape (n,).
+        """
+        stiffness, force = np.zeros((self.order, self.order)), np.zeros(self.order)
+        if self.notches.count:
+            x, b = self.notches.rates(q)
+            spring = (self.stiffness @ x[..., None])[..., 0]
+            force += self.notches.gathered(spring, b)
+            local = np.swapaxes(b, -1, -2) @ self.stiffness @ b + self.notches.curvature(q, spring)
+            stiffness += _assembled(self.notches, local)
+        leaf = self.leaf_step(q, state)
+        if self.leaves.count:
+            b = leaf.rates
+            force += self.leaf_ends.gathered(leaf.tangent.force, b)
+            local = np.swapaxes(b, -1, -2) @ leaf.tangent.stiffness @ b
+            local += self.leaf_ends.curvature(q, state.force)
+            stiffness += _assembled(self.leaf_ends, local)
+        return stiffness, force, leaf
+
+    def geometric_stiffness(self, q: Array, spring: Array, leaf: Array) -> Array:
+        """Return the geometric stiffness by forces of notches and leaves as bodies turn.
+
+        The forces are (N, V, M), shape (h, 3), the stiffness has shape (n, n).
+        """
+        return _assembled(self.notches, self.notches.curvature(q, spring)) + _assembled(
+            self.leaf_ends, self.leaf_ends.curvature(q, leaf)
+        )
+
+    def hinge_stress(self, q: Array, state: LeafState) -> dict[str, Array]:
+        """Return the largest equivalent stress in every hinge [Pa], each of shape (...).
+
+        Of states of bodies and leaves; without the hinges whose rows of stress are not known.
+        """
+        x = self.notches.deformation(q)
+        springs = np.moveaxis((self.stiffness @ x[..., None])[..., 0], -2, 0)
+        sections = np.moveaxis(self.leaves.section_forces(state), -3, 0)
+        notch, leaf = iter(springs), iter(sections)
+        stress: dict[str, Array] = {}
+        for hinge in self.mechanism.hinges:
+            force = next(notch) if hinge.leaf is None else next(leaf)
+            if hinge.stress is None:
+                continue
+            if hinge.leaf is None:
+                values = force @ hinge.stress.T
+            else:
+                # two surfaces at each end, where the moment is that of the end
+                axial, moment = (hinge.stress[:, i].reshape(2, 2) for i in (0, 2))
+                values = force[..., 0, None] * axial + force[..., 1, None] * moment
+                values = values.reshape(*values.shape[:-2], 4)
+            stress[hinge.name] = np.max(np.abs(values), axis=-1)
+        return stress
 
     def elongation(self, drive: str, q: Array) -> tuple[float, Array, Array]:
         """Return the elongation of a drive and its first and second derivatives.
@@ -310,17 +406,29 @@ def nonlinear(mechanism: Mechanism) -> NonlinearMechanism:
     free = [mechanism.bodies[i] for i in mechanism.free]
     if not free:
         raise ModelError(f"every body of '{mechanism.name}' is fixed: nothing can move")
+    notches = [h for h in mechanism.hinges if h.leaf is None]
+    bent = [h for h in mechanism.hinges if h.leaf is not None]
     return NonlinearMechanism(
         mechanism=mechanism,
         mass=np.array([v for b in free for v in (b.mass, b.mass, b.inertia)]),
-        stiffness=np.array([h.stiffness for h in mechanism.hinges]).reshape(-1, 3, 3),
-        shortening=np.array([h.shortening for h in mechanism.hinges]).reshape(-1, 2),
-        hinges=connections(
+        stiffness=np.array([h.stiffness for h in notches]).reshape(-1, 3, 3),
+        notches=connections(
             mechanism,
-            [h.bodies for h in mechanism.hinges],
-            [(h.at, h.at) for h in mechanism.hinges],
-            [h.direction for h in mechanism.hinges],
+            [h.bodies for h in notches],
+            [(h.at, h.at) for h in notches],
+            [h.direction for h in notches],
             share_a=0.5,
+        ),
+        leaves=leaves(
+            [h.leaf for h in bent if h.leaf is not None],
+            np.array([h.stiffness for h in bent]).reshape(-1, 3, 3),
+        ),
+        leaf_ends=connections(
+            mechanism,
+            [h.bodies for h in bent],
+            [h.ends for h in bent],
+            [h.direction for h in bent],
+            share_a=1.0,
         ),
         drives=_sights(mechanism, mechanism.drives),
         probes=_sights(mechanism, mechanism.probes),
@@ -339,7 +447,5 @@ def _sights(mechanism: Mechanism, sights: tuple[Sight, ...]) -> Connections:
 
 def _assembled(which: Connections, local: Array) -> Array:
     """Sum 6 x 6 blocks into an n x n matrix."""
-    n = which.gather.shape[1]
-    spread = which.gather.reshape(which.count, 6, n)
-    total = which.gather.T @ (local @ spread).reshape(-1, n)
+    total = which.gather.T @ (local @ which.spread).reshape(which.gather.shape)
     return 0.5 * (total + total.T)

@@ -5,15 +5,15 @@ the distance of a point of one body from a point of another. Both the symbolic e
 nonlinear model use these data; neither needs outlines or notches.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 from flexstage.base.arrays import Array
 from flexstage.base.short_repr import short_repr
-from flexstage.hinges.deflection import deflection_integrals
-from flexstage.hinges.hinge_spring import PlaneState
-from flexstage.hinges.profile import Profile
-from flexstage.lumped.assemble import hinge_springs
+from flexstage.hinges.hinge_spring import PlaneState, plane_moduli
+from flexstage.lumped.assemble import HingeSpring, cached_stress_rows, hinge_springs
+from flexstage.lumped.leaf import LeafBeam, leaf_beam
 from flexstage.stage.mass import mass_properties
 from flexstage.stage.model import Stage
 from flexstage.system.mechanical import find_named
@@ -54,10 +54,20 @@ class SpringHinge:
     """Forces (N, V, M) on body b for deformations (u, v, theta) of b against a, in the hinge's own
     axes [N/m, N, N m/rad], shape (3, 3).
     """
-    shortening: Pair = (0.0, 0.0)
-    """Shortening by bending over half the square of the deformation across [1/m] and of that in
-    rotation [m]: of a leaf of length l 6/(5 l) and -l/6, of a notch that bends at its neck 0.
+    leaf: LeafBeam | None = None
+    """The beam that bends far under finite rotations; None for a notch, which bends at its neck."""
+    stress: Array | None = None
+    """Equivalent stress at critical points for the forces (N, V, M) [1/m^2, 1/m^2, 1/m^3], shape
+    (2, 3), or (4, 3) of a leaf: those at its end in body a, then in body b.
     """
+
+    @property
+    def ends(self) -> tuple[Pair, Pair]:
+        """Ends of the leaf in bodies a and b (x, y) [m]; of a notch, its neck."""
+        half = 0.0 if self.leaf is None else 0.5 * self.leaf.length
+        dx, dy = half * math.cos(self.direction), half * math.sin(self.direction)
+        x, y = self.at
+        return (x - dx, y - dy), (x + dx, y + dy)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,7 +193,10 @@ def mechanism(
             at=spring.hinge.at,
             direction=spring.hinge.direction,
             stiffness=spring.stiffness,
-            shortening=_shortening(spring.hinge.profile),
+            leaf=_leaf(stage, spring),
+            stress=cached_stress_rows(
+                spring.hinge.profile, stage.thickness, stage.material.poissons_ratio, spring.plane
+            ),
         )
         for spring in hinge_springs(stage, method=method, plane=plane)
     )
@@ -222,8 +235,9 @@ def mechanism(
     )
 
 
-def _shortening(profile: Profile) -> Pair:
-    if profile.flat_length == 0.0:
-        return 0.0, 0.0
-    slopes, _ = deflection_integrals(profile)
-    return float(slopes[0, 0]), float(slopes[1, 1])
+def _leaf(stage: Stage, spring: HingeSpring) -> LeafBeam | None:
+    if spring.hinge.profile.flat_length == 0.0:
+        return None
+    material = stage.material
+    elastic = plane_moduli(material.youngs_modulus, material.poissons_ratio, spring.plane)
+    return leaf_beam(spring.hinge.profile, *elastic, stage.thickness)

@@ -24,7 +24,8 @@ from scipy.linalg import lu_factor, lu_solve
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ConvergenceError, ModelError
-from flexstage.lumped.finite_rotation import NonlinearMechanism
+from flexstage.lumped.finite_rotation import LeafStep, NonlinearMechanism
+from flexstage.lumped.leaf import LeafState
 
 _ITERATIONS = 25
 _REFRESH_AFTER = 8
@@ -115,7 +116,9 @@ def motion(
     n = model.order
     q = np.zeros(n) if q0 is None else np.array(q0, dtype=float)
     v = np.zeros(n) if v0 is None else np.array(v0, dtype=float)
-    stepper = _Stepper(model, (t[1] - t[0]) / substeps, stages, rayleigh, dict(drive_force or {}))
+    stepper = _Stepper(
+        model, q, (t[1] - t[0]) / substeps, stages, rayleigh, dict(drive_force or {})
+    )
     qs, vs = np.zeros((t.size, n)), np.zeros((t.size, n))
     qs[0], vs[0] = q, v
     for k in range(1, t.size):
@@ -174,6 +177,7 @@ class _Stepper:
     def __init__(
         self,
         model: NonlinearMechanism,
+        q: Array,
         h: float,
         stages: int,
         rayleigh: tuple[float, float],
@@ -185,6 +189,9 @@ class _Stepper:
         self.acceleration = np.zeros((stages, model.order))
         self.factor: Any = None
         self.lost = np.zeros((2, model.order))
+        # at the points of the step, for the next one too
+        still = model.leaf_states(q)
+        self.leaves = LeafState(*(np.repeat(x[None], self.rule.points.size, axis=0) for x in still))
 
     def step(self, time: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Advance by h."""
@@ -192,14 +199,17 @@ class _Stepper:
         guess = rule.ahead @ self.acceleration
         previous = np.inf
         for iteration in range(_ITERATIONS):
-            if self.factor is None or iteration == _REFRESH_AFTER:
-                self.factor = self._newton_matrix(q)
             stage_v = v + h * (rule.a @ guess)
             at_q = q + h * (rule.reach @ stage_v)
+            if self.factor is None or (iteration and iteration % _REFRESH_AFTER == 0):
+                self.factor = self._newton_matrix(at_q, len(at_q) // 2)
             at_v = v + h * (rule.reach @ guess)
-            right = rule.mean @ self._force(time, at_q, at_v) - self.model.mass * guess
+            force, leaf = self._force(time, at_q, at_v)
+            right = rule.mean @ force - self.model.mass * guess
             change = lu_solve(self.factor, right.reshape(-1), check_finite=False)
             guess = guess + change.reshape(guess.shape)
+            step = h**2 * (rule.reach @ (rule.a @ change.reshape(guess.shape)))
+            self.leaves = leaf.after(step)
             size = float(np.sum(self.model.mass * change.reshape(guess.shape) ** 2))
             kinetic = float(np.sum(self.model.mass * guess**2))
             # down to rounding: until the correction is negligible, or small and no longer shrinks
@@ -221,9 +231,10 @@ class _Stepper:
         self.lost[which] = (total - value) - change
         return total
 
-    def _newton_matrix(self, q: Array) -> Any:
+    def _newton_matrix(self, q: Array, point: int) -> Any:
         h, a = self.h, self.rule.a
-        tangent = self.model.tangent(q)
+        state = LeafState(*(x[point] for x in self.leaves))
+        tangent, _, _ = self.model.linearised(q[point], state)
         m = np.diag(self.model.mass)
         damping = self.alpha * m + self.beta * tangent
         return lu_factor(
@@ -231,20 +242,14 @@ class _Stepper:
             check_finite=False,
         )
 
-    def _force(self, time: float, q: Array, v: Array) -> Array:
+    def _force(self, time: float, q: Array, v: Array) -> tuple[Array, LeafStep]:
         """Forces of hinges, dampers and drives at the points of the step, shape (k, n)."""
-        hinges = self.model.hinges
-        x, rates = hinges.rates(q)
-        if self.beta:
-            local_v = (v @ hinges.gather.T).reshape(*v.shape[:-1], hinges.count, 6, 1)
-            x = x + self.beta * (rates @ local_v)[..., 0]
-        spring = (self.model.stiffness @ x[..., None])[..., 0]
-        local = (spring[..., None, :] @ rates)[..., 0, :]
-        force = -(local.reshape(*local.shape[:-2], -1) @ hinges.gather)
+        force, leaf = self.model.damped_force(q, v, self.beta, self.leaves)
+        force = -force
         if self.alpha:
             force -= self.alpha * self.model.mass * v
         for name, push in self.forces.items():
             for i, point in enumerate(self.rule.points):
                 _, gradient, _ = self.model.elongation(name, q[i])
                 force[i] += push(time + point * self.h) * gradient
-        return force
+        return force, leaf

@@ -62,8 +62,8 @@ def model_paths(
 ) -> dict[str, ModelPath]:
     r"""Return the paths of the axes of a manufactured stage.
 
-    The path in the plane is that of rigid bodies with finite rotations and leaves that shorten,
-    with the necks of the specimen where they are. Of finite elements, it is
+    The path in the plane is that of rigid bodies and leaves with finite rotations, with the necks
+    of the specimen where they are. Of finite elements, it is
 
     .. math:: v(u) = v_{elements}(u) + v_{specimen}(u) - v_{drawing}(u)
 
