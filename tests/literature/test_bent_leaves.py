@@ -2,23 +2,21 @@ r"""Leaves that bend far, against the elastica, columns, pivots and solids of ot
 
 The elastica of a cantilever with a force across at its tip (Bisshopp, Drucker, Q. Appl. Math. 3
 (1945) 272) is evaluated with SciPy's elliptic integrals; a guided leaf is two of half its length,
-end to end. Solids: parallelogram-calculix.csv.
+end to end.
 
 Evidence (Stages, tolerances, designs): leaves that bend far: elastica to $FL^2/EI=10$, guided leaf
 to $0.4\,L$ (elliptic integrals) $10^{-5}$, its largest moment $3\cdot10^{-4}$; bent to a circle
 $10^{-9}$; stiffness along (SciPy's boundary values) $2\cdot10^{-4}$; cross-spring pivot (Wittrick)
 $3\cdot10^{-4}$
 
-Evidence (Stages, tolerances, designs): parallelogram of leaves on 418 loads to $0.3\,L$ (CalculiX
+Evidence (Stages, tolerances, designs): parallelogram of leaves on 27 loads to $0.3\,L$ (CalculiX
 solids of H. Su): motion 0.5 %, sag 2 %, rotation 2.6 %; double parallelogram to $0.2\,L$ (`plane`):
 force 0.2 %, motion across 3 % [*slow*]
 """
 
-import csv
 import math
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -403,12 +401,68 @@ FINER = np.array([5.7723 / 5.7117, 48.6102 / 48.3180, 1.0])
 CORNERS = 3.77e-6
 
 
-@cache
-def solids() -> Array:
-    lines = (Path(__file__).parent / "parallelogram-calculix.csv").read_text().splitlines()
-    rows = csv.DictReader(line for line in lines if not line.startswith("#"))
-    names = ("Ax", "Ay", "B", "ux", "uy", "phi")
-    return np.array([[float(row[name]) for name in names] for row in rows])
+#: Ay, ux, uy, phi by Ax and B: loads at the middle of the inner face of the stage in EI/L^2, the couple
+#: B in EI/L (EI without plane strain), motion in lengths of the leaves. CalculiX, solids of 10 mm,
+#: large displacement (H. Su, github.com/haijunsu-osu/parallelogram_model_comparison at ca92a0e).
+SOLIDS = {
+    (0.0, 0.0): """
+        0 0 0 -0
+        0.5 -0.00024305 0.020062 4.8967e-05
+        1 -0.00097028 0.040077 0.00010278
+        2 -0.0038507 0.079774 0.00024419
+        3 -0.0085533 0.11874 0.00046129
+        4 -0.014942 0.15665 0.00078813
+        5 -0.022847 0.19327 0.0012551
+        6 -0.03208 0.22842 0.0018879
+        7 -0.042433 0.26193 0.0027097
+        8 -0.053729 0.29377 0.0037355
+        9 -0.06578 0.32392 0.0049819
+        10 -0.078428 0.35239 0.0064566
+        12 -0.10496 0.40448 0.010124
+        14 -0.13243 0.4506 0.014768
+        16 -0.16022 0.49145 0.020413
+        18 -0.18785 0.52761 0.026988
+        20 -0.21522 0.55988 0.034597
+    """,
+    (-5.0, 1.0): """
+        0 -8.5894e-05 0.0001131 0.00018389
+        0.5 -0.00051573 0.026607 0.00025317
+        1 -0.0017975 0.053058 0.00034677
+        2 -0.0068289 0.10514 0.00065123
+        3 -0.014911 0.15553 0.001181
+        4 -0.025608 0.20343 0.002003
+        5 -0.038566 0.24884 0.0031851
+        6 -0.05322 0.29115 0.004758
+        7 -0.06918 0.33044 0.006754
+        8 -0.086105 0.36683 0.0091995
+        9 -0.1034 0.39995 0.012029
+        10 -0.12169 0.43146 0.01548
+        12 -0.1583 0.48658 0.023646
+        14 -0.1945 0.53322 0.0334
+        16 -0.23177 0.575 0.045921
+        18 -0.26808 0.6109 0.06016
+        20 -0.30343 0.6421 0.076002
+    """,
+    (10.0, 3.0): """
+        0 0.00017176 0.00019328 0.00055078
+        0.5 5.9024e-05 0.013777 0.0005898
+        1 -0.00027318 0.027326 0.00063797
+        2 -0.0015967 0.054416 0.00076784
+        3 -0.0037802 0.081273 0.00095097
+        4 -0.0068264 0.10804 0.0012001
+        5 -0.010639 0.13413 0.0015204
+        6 -0.01524 0.15992 0.0019264
+        7 -0.020561 0.1852 0.0024252
+        8 -0.026588 0.21002 0.0030299
+        9 -0.033203 0.2341 0.0037402
+        10 -0.040498 0.25785 0.0045772
+        12 -0.056118 0.30199 0.0065682
+        14 -0.073521 0.34376 0.0091046
+        16 -0.091956 0.38227 0.012155
+        18 -0.11133 0.41811 0.015781
+        20 -0.13125 0.4512 0.019972
+    """,
+}
 
 
 @cache
@@ -451,12 +505,10 @@ def su_stage() -> NonlinearMechanism:
 
 def along_the_loads(ax: float, b: float, farthest: float) -> tuple[Array, Array]:
     """Motion of the stage for each Ay, ours and theirs, as long as theirs stays within."""
-    table = solids()
-    rows = table[(table[:, 0] == ax) & (table[:, 2] == b)]
-    rows = rows[np.argsort(rows[:, 1])]
+    rows = np.array(SOLIDS[ax, b].split(), dtype=float).reshape(-1, 4)
     unit, couple = SU_EI / SU_LENGTH**2, b * SU_EI / SU_LENGTH / 20e-3
     ours, theirs, state = [], [], None
-    for _, ay, _, *motion_of_theirs in rows[np.abs(rows[:, 4]) <= farthest]:
+    for ay, *motion_of_theirs in rows[np.abs(rows[:, 2]) <= farthest]:
         forces = {"x": ax * unit, "y": ay * unit, "below": couple, "above": -couple}
         state = equilibrium(su_stage(), {}, forces=forces, start=state)
         ours.append(state.q / [SU_LENGTH, SU_LENGTH, 1.0] + [0.0, 0.0, CORNERS * ay])
@@ -464,31 +516,14 @@ def along_the_loads(ax: float, b: float, farthest: float) -> tuple[Array, Array]
     return np.array(ours), np.array(theirs)
 
 
-@pytest.mark.parametrize(("ax", "b"), [(0.0, 0.0), (-5.0, 1.0), (10.0, 3.0)])
+@pytest.mark.parametrize(("ax", "b"), SOLIDS)
 def test_a_parallelogram_moves_as_solids_do(ax: float, b: float) -> None:
-    ours, theirs = along_the_loads(ax, b, 0.3)
-    some = np.abs(theirs[:, 1]) >= 0.02
-    error = np.abs(ours[some] / theirs[some] - 1.0)
-    assert len(error) >= 7
-    assert np.all(error.max(axis=0) <= [0.02, 0.005, 0.03])
-
-
-@pytest.mark.slow
-def test_every_load_of_the_parallelogram() -> None:
     """Beyond 0.42 of its length, theirs flattens as it bends, which the model leaves out."""
-    table = solids()
-    assert len(table) == 884
-    pairs = [
-        along_the_loads(ax, b, 1.0) for ax in np.unique(table[:, 0]) for b in np.unique(table[:, 2])
-    ]
-    ours, theirs = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    assert len(ours) == 884
-    some = np.abs(theirs[:, 1]) >= 0.02
-    ours, theirs = ours[some], theirs[some]
-    way, error = np.abs(theirs[:, 1]), np.abs(ours / theirs - 1.0)
-    near = way <= 0.3
-    assert np.count_nonzero(near) > 410
-    assert np.all(error[near].max(axis=0) <= [0.02, 0.005, 0.026])
-    far = (way > 0.3) & (way < 0.42)
+    ours, theirs = along_the_loads(ax, b, 1.0)
+    assert len(ours) == 17
+    way, error = np.abs(theirs[:, 1]), np.abs(ours / np.where(theirs, theirs, np.nan) - 1.0)
+    near, far = (way >= 0.02) & (way <= 0.3), (way > 0.3) & (way < 0.42)
+    assert np.count_nonzero(near) >= 7
+    assert np.all(error[near].max(axis=0) <= [0.02, 0.005, 0.03])
     assert np.all(error[far].max(axis=0) <= [0.02, 0.01, 0.03])
-    assert np.all(np.median(error[way > 0.42], axis=0) <= [0.012, 0.01, 0.02])
+    assert np.all(np.median(error[way > 0.42], axis=0) <= [0.02, 0.012, 0.04])
