@@ -43,7 +43,8 @@ _LEAF = 4.0
 Supports = Literal["rigid", "elastic"]
 
 
-#: Modulus of a rigid body over that of its material: it deforms as little as it does not matter.
+#: Modulus of a rigid body over that of its material. With a tenth of it the first five frequencies
+#: of a parallelogram of rigid bodies are up to 1e-4 lower, with ten times as much 1e-5 higher.
 RIGID = 1e5
 
 
