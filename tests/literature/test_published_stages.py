@@ -5,7 +5,7 @@ from their sources in tests/published_stages.py. `make evidence` writes both tab
 
 Evidence (Stages, tolerances, designs): [published stages](../explanation/published-stages.md) of
 twelve groups (CalculiX, Ansys, Elmer, Abaqus, FeenoX): 1.5 %, or with their mesh, material or
-clamps 3 %, mirror on blades 10 % [*slow*, three *unmarked*]
+clamps 3.5 % [*slow*, three *unmarked*]
 """
 
 import csv
@@ -84,7 +84,7 @@ def test_a_difference_is_explained_by_a_computation_or_stands(case: Case) -> Non
     for row in case.rows:
         far = abs(difference(figures[row.key], row.printed))
         if row.explained:
-            assert abs(difference(figures[row.explained], row.printed)) < max(3.0, 0.55 * far)
+            assert abs(difference(figures[row.explained], row.printed)) < max(3.5, 0.5 * far)
         elif far > 3.0:
             assert row.why.startswith("stands")
 
