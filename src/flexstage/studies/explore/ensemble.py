@@ -18,7 +18,7 @@ from flexstage.measure.posterior import Posterior
 from flexstage.stage import Stage
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import Family
-from flexstage.studies.explore.figures import Figure, figure_of
+from flexstage.studies.explore.figures import Figure, Requirement, figure_of
 from flexstage.studies.explore.variables import Variable
 
 #: Error of a superelement model from mesh to mesh, as a share of a figure [1].
@@ -90,6 +90,17 @@ class Given:
         """Standard deviation of value and model together, of the logarithm if that is normal."""
         both = math.hypot(self.uncertainty, model_error(self.figure) * self.value)
         return both / self.value if self.logarithmic else both
+
+
+def given_figure(target: Requirement) -> Given:
+    """Return the given figure of a value with a tolerance, its standard uncertainty."""
+    assert target.low is not None
+    assert target.high is not None
+    return Given(
+        figure=target.figure,
+        value=0.5 * (target.low + target.high),
+        uncertainty=0.5 * (target.high - target.low),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -456,12 +467,22 @@ class Ensemble(Result):
         value = float(unscaled(self.middle[i : i + 1], self.logarithmic[i : i + 1])[0])
         return self.rows[i], value if self.logarithmic[i] else 1.0, figure.text(noise)
 
+    @property
+    def text(self) -> str:
+        """Stage file of the most probable stage."""
+        return self._text(self.best, "reconstructed", "most probable dimensions")
+
     def member_text(self, number: int) -> str:
         """Return the stage file of a member, by its number from 0."""
+        what = f"member {number + 1} of {len(self.points)}"
+        return self._text(self.points[number], f"member-{number + 1}", what)
+
+    def _text(self, point: Array, ending: str, what: str) -> str:
         stage = self.template.stage()
-        name = f"{stage.name[:66]}-member-{number + 1}"
-        title = f"{stage.title or stage.name}, member {number + 1} of an ensemble"
-        return self.family.text(self.points[number], name, title)
+        # names have 80 characters at most
+        name = f"{stage.name[: 79 - len(ending)]}-{ending}"
+        title = f"{(stage.title or stage.name).rstrip('. ')}, reconstructed: {what}"
+        return self.family.text(point, name, title)
 
     def data(self) -> dict[str, Any]:
         names = [d.name for d in self.dimensions]

@@ -34,6 +34,7 @@ from flexstage.studies.explore.ensemble import (
     Given,
     rows_of,
     scaled,
+    unscaled,
 )
 from flexstage.studies.explore.family import Family, evaluate, jacobian
 from flexstage.studies.explore.figures import Figure
@@ -55,7 +56,9 @@ class _Effort:
     approaches: int = 5
     """Largest number of superelements on the way to the most probable stage."""
     near: float = 0.3
-    """Distance, in standard deviations before, at which derivatives need not be found again."""
+    """Distance, in standard deviations before, over which derivatives hold: a stage this far from
+    the most probable one needs no others, and a member is corrected by no more.
+    """
     refinements: int = 6
     """Largest number of steps of a member."""
     settled: float = 0.02
@@ -64,8 +67,6 @@ class _Effort:
     """Largest number of draws for each member."""
     at_once: int = 12
     """Members between two looks at the clock."""
-    off: float = 4.0
-    """Distance of a member from a given figure beyond which it is refused, in its noise."""
     rounds: int = 4
     """Largest number of computed stages for each member."""
 
@@ -241,12 +242,6 @@ def _newton_step(
     return step
 
 
-def _gain(jacobian: Array) -> Array:
-    """Return the change of the most probable coordinates by whitened given figures, (p, n)."""
-    inner = jacobian @ jacobian.T + np.eye(len(jacobian))
-    return np.linalg.solve(inner, jacobian).T.astype(np.float64)
-
-
 def reconstruct(
     template: StageTemplate,
     given: Sequence[Given],
@@ -301,18 +296,19 @@ def reconstruct(
     usual = np.array([r.value for r in described.characteristics])
     at = [_row_of(g.figure, figures, model) for g in given]
     with progress.subtask(0.0, 0.1):
-        fit, best = _nearest(stages, given, figures, at, model)
+        fit, best, centre = _nearest(stages, given, model)
     with progress.subtask(0.1, 0.4):
-        base, slopes = _slopes(stages, best, figures, model, workers)
-    logarithmic = np.array([f.display.zero == 0.0 for f in figures]) & (base > 0.0)
+        values, slopes = _slopes(stages, best, figures, model, workers)
+    logarithmic = np.array([f.display.zero == 0.0 for f in figures]) & (values > 0.0)
+    rows = rows_of(slopes, values, logarithmic)
+    whitened = rows_of(slopes[at], values[at], fit.logarithmic) / fit.spread[:, None]
+    posterior = Posterior.of(whitened)
+    feasible = best
     if model != "lumped":
         coarse, coarse_slopes = _coarse(fit, best)
-        fit.correction = _exact(best, coarse, coarse_slopes, base[at], slopes[at])
-    feasible, centre = fit.search(best)
-    rows = rows_of(slopes, base, logarithmic)
-    whitened = rows_of(slopes[at], base[at], fit.logarithmic) / fit.spread[:, None]
-    posterior = Posterior.of(whitened)
-    values = stages.near(best).figures(feasible[None], figures, model)[0]
+        fit.correction = _exact(best, coarse, coarse_slopes, values[at], slopes[at])
+        feasible, centre = fit.search(best)
+        values = stages.near(best).figures(feasible[None], figures, model)[0]
     middle = scaled(values, logarithmic) + rows @ (centre - feasible)
     ensemble = Ensemble(
         template=template,
@@ -341,9 +337,7 @@ def reconstruct(
     began = time.monotonic()
     with progress.subtask(0.4, 1.0):
         sampler = _Sampler(fit, whitened, posterior, centre, np.random.default_rng(seed))
-        found, values = _members(
-            sampler, stages.near(best), figures, at, model, members, seconds, workers
-        )
+        found, values = _members(sampler, ensemble, stages.near(best), at, seconds, workers)
     return replace(
         ensemble,
         points=stages.points(found),
@@ -362,26 +356,24 @@ def _row_of(figure: Figure, figures: Sequence[Figure], model: str) -> int:
     return figures.index(figure)
 
 
-def _nearest(
-    stages: _Stages,
-    given: Sequence[Given],
-    figures: Sequence[Figure],
-    at: Sequence[int],
-    model: str,
-) -> tuple[_Fit, Array]:
-    """Search the most probable stage by the lumped model, corrected by superelements on the way."""
+def _nearest(stages: _Stages, given: Sequence[Given], model: str) -> tuple[_Fit, Array, Array]:
+    """Search the most probable stage by the lumped model, corrected by superelements on the way.
+
+    Returned are the fit, and coordinates as `_Fit.search` gives them.
+    """
     fit = _Fit(stages, given)
-    z = np.zeros(fit.size)
+    z = centre = np.zeros(fit.size)
     if model == "lumped":
-        return fit, fit.search(z)[0]
+        return fit, *fit.search(z)
     for k in range(_EFFORT.approaches):
         progress.update("most probable stage", k / _EFFORT.approaches)
         fine = stages.figures(z[None], fit.figures, model)[0]
         fit.correction = fit.correction.updated(z, fit.coarse(z[None])[0], fine)
-        before, z = z, fit.search(z)[0]
+        before = z
+        z, centre = fit.search(z)
         if np.linalg.norm(z - before) < _EFFORT.near:
             break
-    return fit, z
+    return fit, z, centre
 
 
 def _slopes(
@@ -452,6 +444,22 @@ def _exact(z: Array, coarse: Array, slopes: Array, fine: Array, fine_slopes: Arr
     return replace(correction, slope=np.where(factor, ratio, fine_slopes - slopes))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Draws:
+    """Stages that are fitted to disturbed figures, about disturbed means of the prior."""
+
+    z: Array
+    """Coordinates, shape (S, p)."""
+    means: Array
+    """Means of the prior, shape (S, p)."""
+    noises: Array
+    """Errors of the given figures, whitened, shape (S, n)."""
+
+    def at(self, rows: NDArray[np.intp]) -> "_Draws":
+        """Return some of the draws."""
+        return _Draws(z=self.z[rows], means=self.means[rows], noises=self.noises[rows])
+
+
 class _Sampler:
     """Draws of the ensemble: disturbed given figures and prior means, fitted again."""
 
@@ -465,82 +473,100 @@ class _Sampler:
     ) -> None:
         self.fit, self.jacobian, self.centre = fit, jacobian, centre
         self.covariance, self.generator = posterior.covariance, generator
-        self.gain = _gain(jacobian)
+        inner = jacobian @ jacobian.T + np.eye(len(jacobian))
+        self.gain: Array = np.linalg.solve(inner, jacobian).T.astype(np.float64)
         self.refused = {"impossible": 0, "off": 0}
 
-    def draw(self, count: int) -> Array:
-        """Return coordinates of so many possible stages, or fewer if they are rare, (S, p)."""
-        starts: list[Array] = []
-        means: list[Array] = []
-        noises: list[Array] = []
+    def draw(self, count: int) -> _Draws:
+        """Return so many possible stages, or fewer if they are rare."""
+        z, means, noises = [], [], []
         for _ in range(_EFFORT.draws * count):
-            if len(starts) == count:
+            if len(z) == count:
                 break
             mean = self.generator.standard_normal(self.fit.size)
             noise = self.generator.standard_normal(len(self.jacobian))
             # exactly that of the disturbed fit where the model is linear
-            z = self.centre + self.covariance @ (self.jacobian.T @ noise + mean)
-            if self.fit.stages.exists(z):
-                starts, means, noises = [*starts, z], [*means, mean], [*noises, noise]
+            drawn = self.centre + self.covariance @ (self.jacobian.T @ noise + mean)
+            if self.fit.stages.exists(drawn):
+                z, means, noises = [*z, drawn], [*means, mean], [*noises, noise]
             else:
                 self.refused["impossible"] += 1
-        if not starts:
-            return np.zeros((0, self.fit.size))
-        refined = self._refined(np.array(starts), np.array(means), np.array(noises))
-        feasible = np.array([self.fit.stages.feasible(z) for z in refined])
+        draws = _Draws(
+            z=np.array(z).reshape(-1, self.fit.size),
+            means=np.array(means).reshape(-1, self.fit.size),
+            noises=np.array(noises).reshape(-1, len(self.jacobian)),
+        )
+        self._refine(draws)
+        feasible = np.array([self.fit.stages.feasible(z) for z in draws.z], dtype=bool)
         self.refused["impossible"] += int((~feasible).sum())
-        return refined[feasible]
+        return draws.at(np.flatnonzero(feasible))
 
-    def _refined(self, z: Array, means: Array, noises: Array) -> Array:
+    def _refine(self, draws: _Draws) -> None:
         """Fit the corrected lumped model to the disturbed figures of each draw."""
-        moving = np.ones(len(z), dtype=bool)
+        moving = np.ones(len(draws.z), dtype=bool)
         for _ in range(_EFFORT.refinements):
             rows = np.flatnonzero(moving)
             if not rows.size:
                 break
-            misfit = self.fit.target + noises[rows] - self.fit.predicted(z[rows])
-            within = (z[rows] - means[rows]) @ self.jacobian.T
-            aims = means[rows] + (misfit + within) @ self.gain.T
-            for i, aim in zip(rows.tolist(), aims, strict=True):
-                step = aim - z[i]
+            steps = self.steps(draws.at(rows), self.fit.predicted(draws.z[rows]))
+            for i, step in zip(rows.tolist(), steps, strict=True):
                 moving[i] = bool(np.linalg.norm(step) > _EFFORT.settled)
-                if not self.fit.stages.exists(aim):
-                    moving[i] = False  # a limit of the geometry: the linear draw remains
-                    continue
-                z[i] = aim
-        return z
+                if self.fit.stages.exists(draws.z[i] + step):
+                    draws.z[i] += step
+                else:  # a limit of the geometry
+                    moving[i] = False
+
+    def steps(self, draws: _Draws, predicted: Array) -> Array:
+        """Return the steps of draws to their best fit, for whitened figures (S, n) of them."""
+        misfit = self.fit.target + draws.noises - predicted
+        within = (draws.z - draws.means) @ self.jacobian.T
+        return draws.means + (misfit + within) @ self.gain.T - draws.z
+
+    def corrected(
+        self, draws: _Draws, values: Array, ensemble: Ensemble, at: Sequence[int]
+    ) -> tuple[Array, Array]:
+        """Return coordinates and figures of the draws that agree with the given figures.
+
+        What finite elements (S, f) differ by from the corrected lumped model is made up by a small
+        step of the dimensions, and the figures follow to first order.
+        """
+        steps = self.steps(draws, self.fit.whitened(values[:, at]))
+        z, moved = draws.z + steps, scaled(values, ensemble.logarithmic) + steps @ ensemble.rows.T
+        # a length is NaN without a model
+        small = np.linalg.norm(steps, axis=1) < _EFFORT.near
+        good = small & np.array([self.fit.stages.exists(y) for y in z], dtype=bool)
+        self.refused["off"] += int((~good).sum())
+        return z[good], unscaled(moved[good], ensemble.logarithmic)
 
 
 def _members(
     sampler: _Sampler,
+    ensemble: Ensemble,
     stages: _Stages,
-    figures: tuple[Figure, ...],
     at: Sequence[int],
-    model: str,
-    count: int,
     seconds: float,
     workers: Workers,
 ) -> tuple[Array, Array]:
     """Return coordinates and figures of members, by the finer model, until the time is up."""
-    began, fit, computations = time.monotonic(), sampler.fit, 0
-    found: list[Array] = []
-    values: list[Array] = []
+    began, computations, count = time.monotonic(), 0, ensemble.requested
+    lumped = ensemble.model == "lumped"
+    found = np.zeros((0, sampler.fit.size))
+    values = np.zeros((0, len(ensemble.figures)))
     while (
         len(found) < count
         and computations < _EFFORT.rounds * count
         and time.monotonic() - began < seconds
     ):
-        progress.update("members", len(found) / count)
-        wanted = min(count - len(found), _EFFORT.at_once if model != "lumped" else count)
-        drawn = sampler.draw(wanted)
-        if not len(drawn):
-            break
-        computations += len(drawn)
-        computed = _evaluated(stages, drawn, figures, model, workers, "members")
-        distance = np.abs(fit.target - fit.whitened(computed[:, at])).max(axis=1)
-        good = distance <= _EFFORT.off  # without figures it is NaN
-        sampler.refused["off"] += int((~good).sum())
-        found += list(drawn[good])
-        values += list(computed[good])
-    shape = (-1, len(figures))
-    return np.array(found).reshape(-1, fit.size), np.array(values).reshape(shape)
+        with progress.subtask(len(found) / count, 1.0):
+            draws = sampler.draw(min(count - len(found), count if lumped else _EFFORT.at_once))
+            if not len(draws.z):
+                break
+            computations += len(draws.z)
+            computed = _evaluated(
+                stages, draws.z, ensemble.figures, ensemble.model, workers, "members"
+            )
+        z, figures = (
+            (draws.z, computed) if lumped else sampler.corrected(draws, computed, ensemble, at)
+        )
+        found, values = np.vstack([found, z]), np.vstack([values, figures])
+    return found, values
