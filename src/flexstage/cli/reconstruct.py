@@ -1,5 +1,7 @@
 """`flexstage reconstruct`: stages that agree with given figures, and their other figures."""
 
+from pathlib import Path
+
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
@@ -55,4 +57,12 @@ def reconstruct(
     screen = console()
     for table in ensemble_tables(ensemble):
         display_table(screen, table)
-    print_notes(screen, ensemble_notes(ensemble), files)
+    print_notes(screen, ensemble_notes(ensemble), _listed(files))
+
+
+def _listed(files: list[Path]) -> list[str]:
+    """Return the names of files, those of the members in one line."""
+    members = [file for file in files if file.name.startswith("member-")]
+    others = [str(file) for file in files if file not in members]
+    ends = [f"{members[0]} to {members[-1]}"] if len(members) > 1 else [str(m) for m in members]
+    return [*others, *ends]

@@ -126,10 +126,11 @@ def _dimensions(ensemble: Ensemble) -> Table:
 def ensemble_notes(ensemble: Ensemble) -> tuple[str, ...]:
     """Return notes on what is informed, on the members, and on the validity of the ranges."""
     uninformed = [row for row in ensemble.dimension_rows() if row.laplace > _INFORMED]
+    count = len(ensemble.given)
     notes = [
-        f"{len(ensemble.given)} given figures inform {ensemble.informed:.1f} of "
-        f"{len(ensemble.dimensions)} dimensions; {len(uninformed)} keep more than "
-        f"{100.0 * _INFORMED:.0f} % of their spread before, and so do figures that depend on them",
+        f"{count} given figure{' informs' if count == 1 else 's inform'} {ensemble.informed:.1f} "
+        f"of {len(ensemble.dimensions)} dimensions; {len(uninformed)} keep more than "
+        f"{100.0 * _INFORMED:.0f} % of their spread",
         "before: each dimension is log-normal about its value, independent of the others, in a "
         "stage of this form; limits of the geometry count in the members alone",
         f"noise of a given figure: its own and that of the model, {100.0 * MODEL_ERROR:g} % and "

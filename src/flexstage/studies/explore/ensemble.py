@@ -15,6 +15,7 @@ from flexstage.base.short_repr import short_repr
 from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.measure.posterior import Posterior
+from flexstage.quantities.quantity import number
 from flexstage.stage import Stage
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import Family
@@ -225,6 +226,10 @@ def model_error(figure: Figure) -> float:
 def noise_of(figure: Figure, value: float) -> float:
     """Return the assumed noise of a measurement of a figure, in its unit."""
     return _NOISE.get(figure.quantity, MODEL_ERROR * abs(value))
+
+
+def _noise_text(noise: float, factor: float, unit: str) -> str:
+    return f"{number(noise * factor, 2)} {unit}".strip()
 
 
 def scaled(values: Array, logarithmic: NDArray[np.bool_]) -> Array:
@@ -461,11 +466,13 @@ class Ensemble(Result):
                 row = np.zeros(len(self.dimensions))
                 row[i] = dimension.sigma
                 value = dimension.median * math.exp(dimension.sigma * self.coordinates[i])
-                return row, abs(value), dimension.variable.text(noise)
+                variable = dimension.variable
+                return row, abs(value), _noise_text(noise, variable.factor, variable.unit)
         figure = figure_of(name, {f.key for f in self.figures})
         i = self.figures.index(figure)
         value = float(unscaled(self.middle[i : i + 1], self.logarithmic[i : i + 1])[0])
-        return self.rows[i], value if self.logarithmic[i] else 1.0, figure.text(noise)
+        text = _noise_text(noise, figure.display.factor, figure.display.shown_unit)
+        return self.rows[i], value if self.logarithmic[i] else 1.0, text
 
     @property
     def text(self) -> str:
