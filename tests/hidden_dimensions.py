@@ -8,7 +8,7 @@ import numpy as np
 from flexstage.base.errors import FlexstageError
 from flexstage.quantities.characteristic import WHOLE_STAGE
 from flexstage.stage.designs import StageTemplate
-from flexstage.studies.explore import Dimension, Ensemble, Family, Figure, Given, evaluate
+from flexstage.studies.explore import Ensemble, Family, Figure, FreeDimension, Observation, evaluate
 from flexstage.studies.explore.ensemble import model_error
 from flexstage.studies.explore.reconstruct import dimension_of, reconstruct
 from flexstage.studies.explore.variables import variables_of
@@ -56,7 +56,7 @@ class Case:
         return held
 
 
-def bridge_dimensions() -> tuple[StageTemplate, list[Dimension]]:
+def bridge_dimensions() -> tuple[StageTemplate, list[FreeDimension]]:
     """Return the bridge and its hidden dimensions."""
     template = StageTemplate.of("bridge")
     return template, [dimension_of(v) for v in variables_of(template, HIDDEN)]
@@ -80,7 +80,7 @@ def cases(count: int, *, seed: int, model: str = "lumped", members: int = 0) -> 
         )
         true = np.array([truth[figure] for figure in GIVEN])
         seen = true * np.exp(noise * generator.standard_normal(len(GIVEN)))
-        given = [Given(figure=f, value=v) for f, v in zip(GIVEN, seen.tolist(), strict=True)]
+        given = [Observation(figure=f, value=v) for f, v in zip(GIVEN, seen.tolist(), strict=True)]
         found = reconstruct(template, given, dimensions, model=model, members=members, seed=seed)
         yield Case(coordinates=z, truth=truth, ensemble=found)
 

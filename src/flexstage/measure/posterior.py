@@ -29,7 +29,7 @@ _SAME = 1e-2
 _ITERATIONS, _BENT_ITERATIONS = 40, 120
 
 
-class Residuals(Protocol):
+class WhitenedProblem(Protocol):
     """Whitened residuals of a model, over parameters of mean 0 and covariance 1."""
 
     @property
@@ -67,7 +67,7 @@ def half_square(residual: Array, x: Array) -> float:
 
 
 def most_probable(
-    problem: Residuals, start: Array | None = None
+    problem: WhitenedProblem, start: Array | None = None
 ) -> tuple[Array, Array, Array, int]:
     """Search by Gauss and Newton's steps, from the mean or from a start.
 
@@ -90,7 +90,7 @@ def most_probable(
     raise ConvergenceError(FAR)
 
 
-def _descended(problem: Residuals, x: Array, r: Array, step: Array) -> tuple[Array, Array]:
+def _descended(problem: WhitenedProblem, x: Array, r: Array, step: Array) -> tuple[Array, Array]:
     """Take a step, halved until it descends; in a bent model, until it descends no further."""
     least = half_square(r, x)
     best: tuple[Array, Array] | None = None
@@ -142,7 +142,7 @@ class Posterior:
         """Return the standard deviation of figures with derivatives (f, p), in their units."""
         return np.sqrt(np.einsum("ij,jk,ik->i", rows, self.covariance, rows))
 
-    def remaining(self, wanted: Array, candidates: Array, noise: Array) -> Array:
+    def remaining(self, target: Array, candidates: Array, noise: Array) -> Array:
         r"""Return the part of a standard deviation that is left after one more measurement.
 
         A measurement of h with noise s takes :math:`(g^T C h)^2 / (h^T C h + s^2)` from the
@@ -150,7 +150,7 @@ class Posterior:
 
         Parameters
         ----------
-        wanted : array
+        target : array
             Derivatives g of the wanted figure by the parameters, shape (p,).
         candidates : array
             Derivatives h of what may be measured, shape (k, p).
@@ -171,8 +171,8 @@ class Posterior:
         """
         towards = candidates @ self.covariance
         variance = np.einsum("ij,ij->i", towards, candidates) + noise**2
-        own = float(wanted @ self.covariance @ wanted)
+        variance_before = float(target @ self.covariance @ target)
         gain = np.divide(
-            (towards @ wanted) ** 2, variance, out=np.zeros(len(candidates)), where=variance > 0.0
+            (towards @ target) ** 2, variance, out=np.zeros(len(candidates)), where=variance > 0.0
         )
-        return np.sqrt(np.clip(1.0 - gain / own, 0.0, 1.0))
+        return np.sqrt(np.clip(1.0 - gain / variance_before, 0.0, 1.0))

@@ -22,27 +22,27 @@ _INFORMED = 0.95
 def ensemble_tables(ensemble: Ensemble) -> Iterator[Table]:
     """Yield the tables of an ensemble: given figures, all figures, dimensions."""
     rows = ensemble.figure_rows()
-    yield _given(ensemble)
+    yield _observations(ensemble)
     yield _figures(ensemble, rows)
     yield _dimensions(ensemble)
 
 
-def _given(ensemble: Ensemble) -> Table:
+def _observations(ensemble: Ensemble) -> Table:
     rows = []
-    for given in ensemble.given:
-        i = ensemble.figures.index(given.figure)
-        text = given.figure.display.text
+    for observation in ensemble.observations:
+        i = ensemble.figures.index(observation.figure)
+        text = observation.figure.display.text
         described, best = float(ensemble.described[i]), float(ensemble.best_values[i])
-        spread = given.spread * (given.value if given.logarithmic else 1.0)
+        spread = observation.spread * (observation.value if observation.logarithmic else 1.0)
         rows.append(
             (
-                given.figure.label,
-                given.figure.display.shown_unit,
-                text(given.value),
-                number(spread * given.figure.display.factor, 2),
+                observation.figure.label,
+                observation.figure.display.shown_unit,
+                text(observation.value),
+                number(spread * observation.figure.display.factor, 2),
                 text(described),
                 text(best),
-                f"{100.0 * (best / given.value - 1.0):+.2f} %" if given.value else "",
+                f"{100.0 * (best / observation.value - 1.0):+.2f} %" if observation.value else "",
             )
         )
     columns = (
@@ -126,7 +126,7 @@ def _dimensions(ensemble: Ensemble) -> Table:
 def ensemble_notes(ensemble: Ensemble) -> tuple[str, ...]:
     """Return notes on what is informed, on the members, and on the validity of the ranges."""
     uninformed = [row for row in ensemble.dimension_rows() if row.laplace > _INFORMED]
-    count = len(ensemble.given)
+    count = len(ensemble.observations)
     notes = [
         f"{count} given figure{' informs' if count == 1 else 's inform'} {ensemble.informed:.1f} "
         f"of {len(ensemble.dimensions)} dimensions; {len(uninformed)} keep more than "
@@ -144,17 +144,17 @@ def ensemble_notes(ensemble: Ensemble) -> tuple[str, ...]:
 
 
 def _members(ensemble: Ensemble) -> str:
-    count, wanted = len(ensemble.points), ensemble.requested
+    count, requested = len(ensemble.points), ensemble.requested
     text = f"Laplace's approximation in {ensemble.seconds['laplace']:.0f} s"
-    if not wanted:
+    if not requested:
         return f"{text}; no members (--members 0)"
     refused = ensemble.refused
     text += (
-        f"; {count} of {wanted} members in {ensemble.seconds['members']:.0f} s; "
+        f"; {count} of {requested} members in {ensemble.seconds['members']:.0f} s; "
         f"{refused['impossible']} draws were no stage, and {refused['off']} were too far from the "
         "given figures by finite elements"
     )
-    return text if count >= wanted else f"{text}; --time gives more"
+    return text if count >= requested else f"{text}; --time gives more"
 
 
 def _agreement(rows: tuple[FigureRow, ...]) -> str:

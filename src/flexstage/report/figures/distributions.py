@@ -220,10 +220,21 @@ def draw_ranges(ensemble: Ensemble) -> "Figure":
         percent, colour = 100.0 / row.described, colours[row.kind]
         members = ensemble.values[:, ensemble.figures.index(row.figure)] * percent
         axes.plot(members, np.full(len(members), y), "|", color=MUTED, markersize=5, label="member")
-        ends = (row.low * percent, row.high * percent)
         label = f"{row.kind}, 95 % range"
-        axes.plot(ends, (y, y), color=colour, linewidth=4.5, alpha=0.45, label=label)
+        axes.plot(
+            (row.low * percent, row.high * percent),
+            (y, y),
+            color=colour,
+            linewidth=4.5,
+            alpha=0.45,
+            label=label,
+        )
         axes.plot(row.median * percent, y, "o", color=colour, markersize=4.5, label="median")
+    # a range many times the value, as of a rotation that is rounding, runs off the picture
+    ends = [100.0 * end / row.described for row in rows for end in (row.low, row.high)]
+    within = [end for end in ends if abs(end - 100.0) < 200.0]
+    margin = 0.05 * (max(within, default=100.0) - min(within, default=100.0)) or 1.0
+    axes.set_xlim(min(within, default=100.0) - margin, max(within, default=100.0) + margin)
     axes.set_ylim(-0.7, len(rows) - 0.3)
     axes.set_xlabel("part of the value of the described stage [%]")
     set_title(axes, f"{ensemble.template.source}: {len(ensemble.points)} members")

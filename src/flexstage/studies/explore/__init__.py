@@ -6,7 +6,7 @@ from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.studies.explore.batches import Job, batch_size
-    from flexstage.studies.explore.ensemble import Dimension, Ensemble, Given
+    from flexstage.studies.explore.ensemble import Ensemble, FreeDimension, Observation
     from flexstage.studies.explore.family import (
         Evaluated,
         Family,
@@ -35,15 +35,15 @@ if TYPE_CHECKING:
     from flexstage.studies.explore.workers import Workers, open_workers
 
 __all__ = [
-    "Dimension",
     "Ensemble",
     "Evaluated",
     "Family",
     "Figure",
+    "FreeDimension",
     "Front",
-    "Given",
     "Goal",
     "Job",
+    "Observation",
     "Optimum",
     "Problem",
     "Requirement",

@@ -59,7 +59,7 @@ Origin = Literal["Laplace", "ensemble"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Given:
+class Observation:
     """A published or measured figure."""
 
     figure: Figure
@@ -93,11 +93,11 @@ class Given:
         return both / self.value if self.logarithmic else both
 
 
-def given_figure(target: Requirement) -> Given:
+def observation_of(target: Requirement) -> Observation:
     """Return the given figure of a value with a tolerance, its standard uncertainty."""
     assert target.low is not None
     assert target.high is not None
-    return Given(
+    return Observation(
         figure=target.figure,
         value=0.5 * (target.low + target.high),
         uncertainty=0.5 * (target.high - target.low),
@@ -105,7 +105,7 @@ def given_figure(target: Requirement) -> Given:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Dimension:
+class FreeDimension:
     """A free dimension, log-normal before."""
 
     variable: Variable
@@ -174,7 +174,7 @@ class FigureRow:
 class DimensionRow:
     """A dimension before and after."""
 
-    dimension: Dimension
+    dimension: FreeDimension
     """The dimension and what is known before."""
     median: float
     """Median after [SI]."""
@@ -264,9 +264,9 @@ class Ensemble(Result):
     """The described stage."""
     model: str
     """Model of the figures."""
-    given: tuple[Given, ...]
+    observations: tuple[Observation, ...]
     """Given figures."""
-    dimensions: tuple[Dimension, ...]
+    dimensions: tuple[FreeDimension, ...]
     """Free dimensions, and what is known of them before."""
     figures: tuple[Figure, ...]
     """All figures of the model."""
@@ -332,7 +332,7 @@ class Ensemble(Result):
 
     def figure_rows(self) -> tuple[FigureRow, ...]:
         """Return all figures that the dimensions change, with their ranges."""
-        given = {g.figure for g in self.given}
+        observed = {o.figure for o in self.observations}
         spread, before = self.posterior.spread(self.rows), np.linalg.norm(self.rows, axis=1)
         of_members = scaled(self.values, self.logarithmic)
         rows = []
@@ -343,7 +343,7 @@ class Ensemble(Result):
             rows.append(
                 FigureRow(
                     figure=self.figures[i],
-                    kind="given" if self.figures[i] in given else "predicted",
+                    kind="given" if self.figures[i] in observed else "predicted",
                     described=float(self.described[i]),
                     best=float(self.best_values[i]),
                     median=median,
@@ -396,14 +396,14 @@ class Ensemble(Result):
         return tuple(rows)
 
     def next(
-        self, wanted: str, candidates: Mapping[str, float] | None = None
+        self, figure: str, candidates: Mapping[str, float] | None = None
     ) -> tuple[NextMeasurement, ...]:
         """Rank further measurements by what they leave of the spread of a figure, best first.
 
         Parameters
         ----------
-        wanted : str
-            Name of the figure, such as ``cross_coupling.x``.
+        figure : str
+            Name of the figure to narrow, such as ``cross_coupling.x``.
         candidates : mapping, optional
             Standard uncertainty of each possible measurement, by the name of its figure or
             dimension, in the unit of the figure or SI; default: all figures that a bench measures
@@ -420,7 +420,7 @@ class Ensemble(Result):
             There is no such figure or dimension.
         """
         known = {f.key for f in self.figures}
-        target = self.figures.index(figure_of(wanted, known))
+        target = self.figures.index(figure_of(figure, known))
         usual = self._candidates() if candidates is None else dict(candidates)
         rows, noises, texts, names = [], [], [], []
         for name, noise in usual.items():
@@ -430,7 +430,7 @@ class Ensemble(Result):
             texts.append(text)
             names.append(name)
         if not self.varying[target]:
-            raise ModelError(f"no free dimension changes {wanted}")
+            raise ModelError(f"no free dimension changes {figure}")
         remaining = self.posterior.remaining(
             self.rows[target], np.array(rows).reshape(-1, len(self.dimensions)), np.array(noises)
         )
@@ -446,14 +446,14 @@ class Ensemble(Result):
         )
 
     def _candidates(self) -> dict[str, float]:
-        given = {g.figure for g in self.given}
+        observed = {o.figure for o in self.observations}
         values = unscaled(self.middle, self.logarithmic)
         figures = {
             f.name: noise_of(f, value)
             for f, value, changes in zip(
                 self.figures, values.tolist(), self.varying.tolist(), strict=True
             )
-            if f.quantity in _MEASURABLE and f not in given and changes
+            if f.quantity in _MEASURABLE and f not in observed and changes
         }
         lengths = {d.name: CALIPER for d in self.dimensions if d.variable.dimension == "length"}
         # a dimension may be a figure as well, such as the thickness
@@ -498,10 +498,10 @@ class Ensemble(Result):
             **picked(self, "model", "informed"),
             "given": [
                 {
-                    **picked(g, "figure=figure.name", "unit=figure.display.unit"),
-                    **picked(g, "value", "uncertainty", "spread", "logarithmic"),
+                    **picked(o, "figure=figure.name", "unit=figure.display.unit"),
+                    **picked(o, "value", "uncertainty", "spread", "logarithmic"),
                 }
-                for g in self.given
+                for o in self.observations
             ],
             "figures": [
                 {

@@ -14,7 +14,7 @@ from flexstage.quantities.units import parse
 from flexstage.stage import Stage
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.deviations import KINDS, scatter_dimensions
-from flexstage.studies.explore.ensemble import Ensemble, given_figure
+from flexstage.studies.explore.ensemble import Ensemble, observation_of
 from flexstage.studies.explore.family import Family, batched_figures, known_figures
 from flexstage.studies.explore.figures import (
     Figure,
@@ -204,7 +204,7 @@ def ready_reconstruct(
     run = partial(
         reconstruct,
         template,
-        [given_figure(target) for target in targets],
+        [observation_of(target) for target in targets],
         [dimension_of(variable) for variable in variables],
         model=request.model,
         members=request.members,

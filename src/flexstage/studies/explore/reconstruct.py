@@ -8,8 +8,8 @@ whitened by their noise, the covariance of z is :math:`(J^T J + 1)^{-1}`
 
 Members of the ensemble are drawn by randomise-then-optimise: prior mean and given figures are
 disturbed by their own distributions, and the most probable dimensions are found again (J. Bardsley
-et al., SIAM J. Sci. Comput. 36 (2014) A1895). Draws that are no stage are refused, so that limits
-of the geometry belong to what is known before.
+et al., SIAM J. Sci. Comput. 36 (2014) A1895). Infeasible draws are refused, so that limits of the
+geometry belong to what is known before.
 """
 
 import math
@@ -29,9 +29,9 @@ from flexstage.stage import check
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.batches import Job
 from flexstage.studies.explore.ensemble import (
-    Dimension,
     Ensemble,
-    Given,
+    FreeDimension,
+    Observation,
     rows_of,
     scaled,
     unscaled,
@@ -74,7 +74,7 @@ class _Effort:
 _EFFORT = _Effort()
 
 
-def dimension_of(variable: Variable) -> Dimension:
+def dimension_of(variable: Variable) -> FreeDimension:
     """Return the prior of a dimension: a standard deviation to either side within its range.
 
     Raises
@@ -90,7 +90,7 @@ def dimension_of(variable: Variable) -> Dimension:
     low, high = sorted((abs(variable.low), abs(variable.high)))
     inside = variable.low < variable.usual < variable.high
     middle = variable.usual if inside else math.copysign(math.sqrt(low * high), variable.low)
-    return Dimension(variable=variable, median=middle, sigma=0.5 * math.log(high / low))
+    return FreeDimension(variable=variable, median=middle, sigma=0.5 * math.log(high / low))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -98,10 +98,10 @@ class _Stages:
     """Stages over the coordinates z of their dimensions."""
 
     family: Family
-    dimensions: tuple[Dimension, ...]
+    dimensions: tuple[FreeDimension, ...]
 
     @classmethod
-    def of(cls, template: StageTemplate, dimensions: tuple[Dimension, ...]) -> "_Stages":
+    def of(cls, template: StageTemplate, dimensions: tuple[FreeDimension, ...]) -> "_Stages":
         variables = tuple(d.variable for d in dimensions)
         return cls(family=Family(template=template, variables=variables), dimensions=dimensions)
 
@@ -146,21 +146,24 @@ class _Stages:
 class _Fit:
     """Whitened residuals of the corrected lumped model, over coordinates less those of the prior.
 
-    It implements `flexstage.measure.posterior.Residuals`.
+    It implements `flexstage.measure.posterior.WhitenedProblem`.
     """
 
     bent = False
 
     def __init__(
-        self, stages: _Stages, given: Sequence[Given], correction: Correction | None = None
+        self,
+        stages: _Stages,
+        observations: Sequence[Observation],
+        correction: Correction | None = None,
     ) -> None:
-        self.stages, self.given = stages, tuple(given)
+        self.stages, self.observations = stages, tuple(observations)
         self.size = len(stages.dimensions)
-        self.figures = tuple(g.figure for g in given)
-        self.logarithmic = np.array([g.logarithmic for g in given])
-        self.spread = np.array([g.spread for g in given])
-        self.target = self.scaled(np.array([g.value for g in given])) / self.spread
-        self.correction = correction or Correction.none(self.size, len(self.given))
+        self.figures = tuple(o.figure for o in observations)
+        self.logarithmic = np.array([o.logarithmic for o in observations])
+        self.spread = np.array([o.spread for o in observations])
+        self.target = self.scaled(np.array([o.value for o in observations])) / self.spread
+        self.correction = correction or Correction.none(self.size, len(self.observations))
 
     def scaled(self, values: Array) -> Array:
         """Return values, or their logarithms."""
@@ -244,8 +247,8 @@ def _newton_step(
 
 def reconstruct(
     template: StageTemplate,
-    given: Sequence[Given],
-    unknown: Sequence[Dimension],
+    observations: Sequence[Observation],
+    unknown: Sequence[FreeDimension],
     *,
     model: str = "superelement",
     members: int = 60,
@@ -259,9 +262,9 @@ def reconstruct(
     ----------
     template : StageTemplate
         The stage, whose form is known.
-    given : sequence of Given
+    observations : sequence of Observation
         Published or measured figures with their uncertainty.
-    unknown : sequence of Dimension
+    unknown : sequence of FreeDimension
         Dimensions with what is known of them before.
     model : str
         ``superelement``, or ``lumped`` for the lumped model alone.
@@ -286,7 +289,7 @@ def reconstruct(
     approximation is linear about the most probable stage, and knows no limits of the geometry; the
     ensemble does. What is not informed keeps what was put in before.
     """
-    if not given or not unknown:
+    if not observations or not unknown:
         raise ModelError("a reconstruction needs at least one given figure and one free dimension")
     workers = workers or Workers(1)
     began = time.monotonic()
@@ -294,9 +297,9 @@ def reconstruct(
     described = analyse_model(template.stage(), model)
     figures = tuple(Figure(quantity=r.quantity, axis=r.axis) for r in described.characteristics)
     usual = np.array([r.value for r in described.characteristics])
-    at = [_row_of(g.figure, figures, model) for g in given]
+    at = [_row_of(o.figure, figures, model) for o in observations]
     with progress.subtask(0.0, 0.1):
-        fit, best, centre = _nearest(stages, given, model)
+        fit, best, centre = _nearest(stages, observations, model)
     with progress.subtask(0.1, 0.4):
         values, slopes = _slopes(stages, best, figures, model, workers)
     logarithmic = np.array([f.display.zero == 0.0 for f in figures]) & (values > 0.0)
@@ -313,7 +316,7 @@ def reconstruct(
     ensemble = Ensemble(
         template=template,
         model=model,
-        given=tuple(given),
+        observations=tuple(observations),
         dimensions=tuple(unknown),
         figures=figures,
         described=usual,
@@ -337,10 +340,10 @@ def reconstruct(
     began = time.monotonic()
     with progress.subtask(0.4, 1.0):
         sampler = _Sampler(fit, whitened, posterior, centre, np.random.default_rng(seed))
-        found, values = _members(sampler, ensemble, stages.near(best), at, seconds, workers)
+        z, values = _members(sampler, ensemble, stages.near(best), at, seconds, workers)
     return replace(
         ensemble,
-        points=stages.points(found),
+        points=stages.points(z),
         values=values,
         refused=dict(sampler.refused),
         seconds=dict(ensemble.seconds) | {"members": time.monotonic() - began},
@@ -356,12 +359,14 @@ def _row_of(figure: Figure, figures: Sequence[Figure], model: str) -> int:
     return figures.index(figure)
 
 
-def _nearest(stages: _Stages, given: Sequence[Given], model: str) -> tuple[_Fit, Array, Array]:
+def _nearest(
+    stages: _Stages, observations: Sequence[Observation], model: str
+) -> tuple[_Fit, Array, Array]:
     """Search the most probable stage by the lumped model, corrected by superelements on the way.
 
     Returned are the fit, and coordinates as `_Fit.search` gives them.
     """
-    fit = _Fit(stages, given)
+    fit = _Fit(stages, observations)
     z = centre = np.zeros(fit.size)
     if model == "lumped":
         return fit, *fit.search(z)
@@ -486,9 +491,9 @@ class _Sampler:
             mean = self.generator.standard_normal(self.fit.size)
             noise = self.generator.standard_normal(len(self.jacobian))
             # exactly that of the disturbed fit where the model is linear
-            drawn = self.centre + self.covariance @ (self.jacobian.T @ noise + mean)
-            if self.fit.stages.exists(drawn):
-                z, means, noises = [*z, drawn], [*means, mean], [*noises, noise]
+            sample = self.centre + self.covariance @ (self.jacobian.T @ noise + mean)
+            if self.fit.stages.exists(sample):
+                z, means, noises = [*z, sample], [*means, mean], [*noises, noise]
             else:
                 self.refused["impossible"] += 1
         draws = _Draws(
@@ -550,15 +555,15 @@ def _members(
     """Return coordinates and figures of members, by the finer model, until the time is up."""
     began, computations, count = time.monotonic(), 0, ensemble.requested
     lumped = ensemble.model == "lumped"
-    found = np.zeros((0, sampler.fit.size))
+    members = np.zeros((0, sampler.fit.size))
     values = np.zeros((0, len(ensemble.figures)))
     while (
-        len(found) < count
+        len(members) < count
         and computations < _EFFORT.rounds * count
         and time.monotonic() - began < seconds
     ):
-        with progress.subtask(len(found) / count, 1.0):
-            draws = sampler.draw(min(count - len(found), count if lumped else _EFFORT.at_once))
+        with progress.subtask(len(members) / count, 1.0):
+            draws = sampler.draw(min(count - len(members), count if lumped else _EFFORT.at_once))
             if not len(draws.z):
                 break
             computations += len(draws.z)
@@ -568,5 +573,5 @@ def _members(
         z, figures = (
             (draws.z, computed) if lumped else sampler.corrected(draws, computed, ensemble, at)
         )
-        found, values = np.vstack([found, z]), np.vstack([values, figures])
-    return found, values
+        members, values = np.vstack([members, z]), np.vstack([values, figures])
+    return members, values
