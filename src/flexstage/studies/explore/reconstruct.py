@@ -134,7 +134,6 @@ class _Stages:
     def near(self, z: Array) -> "_Stages":
         """Return the same stages, with superelements near those of a stage among them."""
         values = self.family.values(self.points(z))
-        # exactly as numbers, which texts of a file may round
         template = self.family.template.with_values(values)
         return replace(self, family=replace(self.family, template=template))
 
