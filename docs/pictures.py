@@ -416,6 +416,7 @@ PAGES = {
     "frequency-response.png": ("how-to/frequency-response.md", "response.png"),
     "optimised.png": ("how-to/optimise.md", "better.png"),
     "piezo-hysteresis.png": ("tutorials/piezo-hysteresis.md", "piezo-hysteresis.png"),
+    "reconstructed.png": ("how-to/update-model.md", "ranges.png"),
     "sweep-map.png": ("how-to/sweep.md", "map.png"),
     "tolerance.png": ("how-to/tolerance.md", "parts.png"),
 }

@@ -3,9 +3,9 @@
 
 ``import flexstage as fs`` offers `read` for a stage file, `design` for a built-in stage, `draw`,
 `check`, `analyse` for one model of it, `study` for several, `compare`, `sensitivity`, `sweep`,
-`optimise` and `tolerance`, `hinge` for a notch; `read_record` for measured data, and `identify`,
-`characterise`, `frf` and `centre` for what is in them. Everything else is in the subpackages, which
-the reference manual lists. All of it is imported when it is first used.
+`optimise`, `tolerance` and `reconstruct`, `hinge` for a notch; `read_record` for measured data, and
+`identify`, `characterise`, `frf` and `centre` for what is in them. Everything else is in the
+subpackages, which the reference manual lists. All of it is imported when it is first used.
 """
 
 from typing import TYPE_CHECKING
@@ -50,6 +50,7 @@ __all__ = [
     "optimise",
     "read",
     "read_record",
+    "reconstruct",
     "sensitivity",
     "study",
     "sweep",

@@ -401,8 +401,8 @@ FINER = np.array([5.7723 / 5.7117, 48.6102 / 48.3180, 1.0])
 CORNERS = 3.77e-6
 
 
-#: Ay, ux, uy, phi by Ax and B: loads at the middle of the inner face of the stage in EI/L^2, the couple
-#: B in EI/L (EI without plane strain), motion in lengths of the leaves. CalculiX, solids of 10 mm,
+#: Ay, ux, uy, phi by Ax and B: loads at the middle of the inner face of the stage in EI/L^2, the
+#: couple B in EI/L (EI without plane strain), motion in lengths of the leaves. CalculiX, solids of 10 mm,
 #: large displacement (H. Su, github.com/haijunsu-osu/parallelogram_model_comparison at ca92a0e).
 SOLIDS = {
     (0.0, 0.0): """

@@ -19,6 +19,7 @@ REFUSED = {
     "analyse": ["nowhere.yaml"],
     "sensitivity": ["nowhere.yaml"],
     "optimise": ["parallelogram"],
+    "reconstruct": ["parallelogram"],
     "sweep": ["parallelogram"],
     "tolerance": ["nowhere.yaml"],
     "equations": ["nowhere.yaml"],

@@ -46,8 +46,8 @@ def notch() -> HingeResult:
 def test_the_names_are_listed() -> None:
     wanted = {
         "read", "design", "draw", "check", "analyse", "study", "compare", "sensitivity", "sweep",
-        "optimise", "tolerance", "hinge", "read_record", "identify", "characterise", "frf",
-        "centre", "__version__",
+        "optimise", "tolerance", "reconstruct", "hinge", "read_record", "identify", "characterise",
+        "frf", "centre", "__version__",
     }  # fmt: skip
     assert wanted == set(dir(fs)) == set(fs.__all__)
     assert not any(isinstance(getattr(fs, name), ModuleType) for name in dir(fs))

@@ -159,6 +159,17 @@ JOBS = {
         "optimise parallelogram --minimise mass --over thickness=20% --model lumped --workers 1",
         lambda: fs.optimise("parallelogram", minimise="mass", over="thickness=20%", model="lumped"),
     ),
+    "reconstruct": Job(
+        f"reconstruct parallelogram --match mass=50g --free {NECK}=20% --free thickness=20% "
+        "--model lumped --members 2 --workers 1",
+        lambda: fs.reconstruct(
+            "parallelogram",
+            match="mass=50g",
+            free=(f"{NECK}=20%", "thickness=20%"),
+            model="lumped",
+            members=2,
+        ),
+    ),
     "tolerance": Job(
         "tolerance parallelogram --model lumped --samples 300 --workers 1",
         lambda: fs.tolerance("parallelogram", model="lumped", samples=300),

@@ -32,6 +32,7 @@ from flexstage.cli.optimise import optimise
 from flexstage.cli.output import print_json
 from flexstage.cli.part import part
 from flexstage.cli.predict import predict
+from flexstage.cli.reconstruct import reconstruct
 from flexstage.cli.records import records
 from flexstage.cli.run import run
 from flexstage.cli.runs import runs
@@ -71,7 +72,7 @@ app = typer.Typer(
 )
 _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
     "Design": (*(new, import_, check, show, analyse, study, hinges, equations, part, export),),
-    "Explore": (sensitivity, sweep, optimise, tolerance),
+    "Explore": (sensitivity, sweep, optimise, tolerance, reconstruct),
     "Drives": (excite, identify, predict, compensate),
     "Measurements": (records, frf, characterise, uncertainty, centre),
     "Bench": (twin, run),

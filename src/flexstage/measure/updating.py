@@ -7,8 +7,7 @@ theta_0 with standard deviations sigma, the most probable theta minimises
 
     \Phi = \tfrac12 (y-f)^T V^{-1} (y-f) + \tfrac12\sum_i(\theta_i-\theta_{0i})^2/\sigma_i^2
 
-(A. Tarantola, Inverse Problem Theory, SIAM 2005, section 3.2), found by Gauss and Newton's steps.
-The posterior covariance is the inverse of the curvature there (Laplace's approximation).
+(`flexstage.measure.posterior`).
 """
 
 import math
@@ -21,6 +20,7 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.base.choose import has_no
 from flexstage.base.errors import ConvergenceError, FlexstageError, ModelError
+from flexstage.measure.posterior import FAR, Posterior, half_square, most_probable
 from flexstage.measure.update_parameters import UpdateParameter, stage_with
 from flexstage.quantities.estimate import Component, Estimate
 from flexstage.stage import Force, Stage
@@ -41,15 +41,6 @@ _STATIC = ("transmission_ratio", "output_displacement", "input_stiffness")
 UPDATABLE: tuple[str, ...] = (*_MODAL, *_STATIC)
 Model = Callable[[Stage], MechanicalSystem]
 _STEP = 1e-3
-# in standard deviations of what is known after: a step that ends the search, and one over which
-# derivatives need not be found again
-_CLOSE = 1e-4
-_SAME = 1e-2
-_FAR = (
-    "the most probable parameters are not reached: the measured values may be far from what the "
-    "model can give; widen the spread, or check the units"
-)
-_ITERATIONS, _SEATED_ITERATIONS = 40, 120
 # fall of the doubled log-likelihood at the ends of a 95 % interval: chi-squared, one parameter
 _LIKELY = 3.841458820694124
 # doubled Phi of what no stage gives
@@ -144,8 +135,9 @@ class UpdatingProblem:
         from flexstage.lumped import lumped_system
 
         self.stage, self.parameters = stage, parameters
-        # frequencies bend strongly over the coordinate of a seat: full steps may swing
-        self.seated = any(p.limits is not None for p in parameters)
+        self.size = len(parameters)
+        # frequencies bend strongly over the coordinate of a seat
+        self.bent = any(p.limits is not None for p in parameters)
         self.drives: DriveCondition = drives
         self.measured = dict(measured)
         self.model: Model = lumped_system if model == "lumped" else model
@@ -205,64 +197,9 @@ class UpdatingProblem:
         for step in _STEP * np.eye(x.size):
             low, high = self.residual_or_refused(x - step), self.residual_or_refused(x + step)
             if not np.isfinite(low + high).all():
-                raise ConvergenceError(_FAR)
+                raise ConvergenceError(FAR)
             columns.append((low - high) / (2.0 * _STEP))
         return np.stack(columns, axis=1)
-
-
-def half_square(residual: Array, x: Array) -> float:
-    """Return Phi, half of the squares of residuals and parameters.
-
-    Examples
-    --------
-    >>> half_square(np.array([1.0, 2.0]), np.array([0.5]))
-    2.625
-    """
-    return 0.5 * float(residual @ residual + x @ x)
-
-
-def most_probable(
-    problem: UpdatingProblem, start: Array | None = None
-) -> tuple[Array, Array, Array, int]:
-    """Search by Gauss and Newton's steps, from what is expected or from a start.
-
-    Returned are the most probable parameters less what is expected, over their spreads; there the
-    whitened residual and the derivatives of the whitened prediction; and the number of steps.
-    """
-    x = np.zeros(len(problem.parameters)) if start is None else start
-    r = problem.residual(x)
-    jacobian = problem.jacobian(x)
-    for iteration in range(_SEATED_ITERATIONS if problem.seated else _ITERATIONS):
-        curvature = jacobian.T @ jacobian + np.eye(x.size)
-        step: Array = np.linalg.solve(curvature, jacobian.T @ r - x).astype(np.float64)
-        # length of the step in standard deviations of what is known after
-        length = math.sqrt(float(step @ curvature @ step))
-        if length < _CLOSE:
-            return x, r, jacobian, iteration
-        x, r = _descended(problem, x, r, step)
-        if length > _SAME or problem.seated:
-            jacobian = problem.jacobian(x)
-    raise ConvergenceError(_FAR)
-
-
-def _descended(problem: UpdatingProblem, x: Array, r: Array, step: Array) -> tuple[Array, Array]:
-    """Take a step, halved until it descends; with a seat, until it descends no further."""
-    least = half_square(r, x)
-    best: tuple[Array, Array] | None = None
-    for halvings in range(20):
-        there = x + 0.5**halvings * step
-        new = problem.residual_or_refused(there)
-        cost = half_square(new, there)
-        if best is not None and cost >= least:
-            return best
-        # rounding leaves that much of the cost
-        if cost <= least + 1e-9 * (1.0 + least):
-            if not problem.seated:
-                return there, new
-            best, least = (there, new), cost
-    if best is not None:
-        return best
-    raise ConvergenceError(_FAR)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -414,9 +351,9 @@ def update_stage(
     _require_places(stage, parameters, drives)
     problem = UpdatingProblem(stage, measured, tuple(parameters), model, drives, model_uncertainty)
     x, r, jacobian, steps = most_probable(problem)
-    p = len(parameters)
     information = jacobian.T @ jacobian
-    covariance: Array = np.linalg.inv(information + np.eye(p)).astype(np.float64)
+    posterior = Posterior.of(jacobian)
+    covariance, learned = posterior.covariance, posterior.learned
     sigma = problem.slopes(x)
     values = {
         parameter.name: _estimate(parameter, float(x[i]), covariance, i)
@@ -438,9 +375,9 @@ def update_stage(
         parameters=tuple(parameters),
         values=values,
         covariance=covariance * np.outer(sigma, sigma),
-        learned={q.name: float(1.0 - covariance[i, i]) for i, q in enumerate(parameters)},
+        learned={q.name: float(learned[i]) for i, q in enumerate(parameters)},
         unidentified=(*_unidentified(parameters, information), *bounds),
-        rows=_rows(problem, r, jacobian, covariance),
+        rows=_rows(problem, r, jacobian, posterior),
         chi_squared=2.0 * half_square(r, x),
         curvature_error=_curvature_error(problem, x, half_square(r, x), covariance),
         iterations=steps,
@@ -593,12 +530,11 @@ def _unidentified(parameters: Sequence[UpdateParameter], information: Array) -> 
 
 
 def _rows(
-    problem: UpdatingProblem, r: Array, jacobian: Array, covariance: Array
+    problem: UpdatingProblem, r: Array, jacobian: Array, posterior: Posterior
 ) -> tuple[UpdatedRow, ...]:
     colour = np.linalg.inv(problem.whiten)
     before, after = problem.predicted(np.zeros(jacobian.shape[1])), problem.y - colour @ r
-    end = colour @ jacobian
-    spread_after = np.sqrt(np.einsum("ij,jk,ik->i", end, covariance, end))
+    spread_after = posterior.spread(colour @ jacobian)
     return tuple(
         UpdatedRow(
             quantity=quantity,

@@ -156,6 +156,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
         "feedforward=feedforward model=drive band_percent=band",
     ),
     ("DecayResult", ""): ("modal_fit.draw_ring_down", "fit=fit record=record"),
+    ("Ensemble", ""): ("distributions.draw_ranges", "ensemble"),
     ("EvaluatedBudget", ""): (
         "distributions.draw_budget",
         "propagated=propagated monte_carlo=simulated quantity=budget.quantity unit=budget.unit "

@@ -21,6 +21,7 @@ from flexstage.report.figures.working_line import draw_working_line
 from flexstage.report.optimise import front_html
 from flexstage.report.sweep import sweep_html
 from flexstage.report.tolerance import tolerance_page
+from flexstage.studies.explore.ensemble import Ensemble
 from flexstage.studies.explore.optimise.front import Front
 from flexstage.studies.explore.optimise.optimum import Optimum
 from flexstage.studies.explore.sensitivity import Sensitivities
@@ -108,6 +109,19 @@ def front_files(front: Front) -> Files:
 def _optimum_pictures(optimum: Optimum) -> Files:
     views = {"history.svg": "history", "before-after.svg": "", "figures.svg": "figures"}
     return {name: encode(optimum.plot(view), "svg") for name, view in views.items()}
+
+
+def ensemble_files(ensemble: Ensemble) -> Files:
+    """Return the files of an ensemble: the stage file of each member, the result and a picture."""
+    digits = len(str(len(ensemble.points)))
+    return {
+        "reconstruct.json": json_text(ensemble.to_dict()).encode(),
+        "ranges.svg": encode(ensemble.plot(), "svg"),
+        "best.yaml": ensemble.text.encode(),
+    } | {
+        f"member-{k + 1:0{digits}}.yaml": ensemble.member_text(k).encode()
+        for k in range(len(ensemble.points))
+    }
 
 
 def tolerance_files(study: ToleranceStudy, *, every: bool = False) -> Files:

@@ -1,4 +1,4 @@
-"""Distributions and their variance contributions: of a result, and of manufactured stages."""
+"""Distributions of a result, of manufactured stages and of an ensemble, and their variance."""
 
 import math
 from collections.abc import Sequence
@@ -22,6 +22,7 @@ from flexstage.report.figures.style import (
     shortened,
 )
 from flexstage.studies.explore.deviations import LABELS
+from flexstage.studies.explore.ensemble import Ensemble
 from flexstage.studies.explore.figures import Requirement
 from flexstage.studies.explore.spread import Spread
 from flexstage.studies.explore.tolerance import ToleranceStudy
@@ -203,6 +204,42 @@ def _histogram(axes: "Axes", spread: Spread, requirement: Requirement | None) ->
     axes.locator_params(axis="y", nbins=4)
     axes.ticklabel_format(axis="x", useOffset=False, style="plain")
     set_title(axes, spread.figure.heading_in(quantity), 8.5)
+
+
+def draw_ranges(ensemble: Ensemble) -> "Figure":
+    """Draw the 95 % range of every figure, and its members, in per cent of the described stage."""
+    rows = [row for row in ensemble.figure_rows() if row.described]
+    rows.sort(key=lambda row: row.kind == "predicted")
+    figure, axes = one_panel(_WIDTH, 1.2 + 0.24 * len(rows), grid=False)
+    at = np.arange(len(rows))[::-1]
+    axes.set_yticks(at, [row.figure.label for row in rows], fontsize=8, parse_math=False)
+    axes.tick_params(axis="y", length=0)
+    axes.axvline(100.0, color=MUTED, linewidth=0.8, linestyle="--", label="described stage")
+    colours = {"given": CYCLE[2], "predicted": CYCLE[0]}
+    for y, row in zip(at, rows, strict=True):
+        percent, colour = 100.0 / row.described, colours[row.kind]
+        members = ensemble.values[:, ensemble.figures.index(row.figure)] * percent
+        axes.plot(members, np.full(len(members), y), "|", color=MUTED, markersize=5, label="member")
+        label = f"{row.kind}, 95 % range"
+        axes.plot(
+            (row.low * percent, row.high * percent),
+            (y, y),
+            color=colour,
+            linewidth=4.5,
+            alpha=0.45,
+            label=label,
+        )
+        axes.plot(row.median * percent, y, "o", color=colour, markersize=4.5, label="median")
+    # a range many times the value, as of a rotation that is rounding, runs off the picture
+    ends = [100.0 * end / row.described for row in rows for end in (row.low, row.high)]
+    within = [end for end in ends if abs(end - 100.0) < 200.0]
+    margin = 0.05 * (max(within, default=100.0) - min(within, default=100.0)) or 1.0
+    axes.set_xlim(min(within, default=100.0) - margin, max(within, default=100.0) + margin)
+    axes.set_ylim(-0.7, len(rows) - 0.3)
+    axes.set_xlabel("part of the value of the described stage [%]")
+    set_title(axes, f"{ensemble.template.source}: {len(ensemble.points)} members")
+    add_shared_legend(figure, size=8)
+    return figure
 
 
 def _columns(count: int) -> int:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from flexstage.report.notebook.jobs import compare as compare
     from flexstage.report.notebook.jobs import frf as frf
     from flexstage.report.notebook.jobs import optimise as optimise
+    from flexstage.report.notebook.jobs import reconstruct as reconstruct
     from flexstage.report.notebook.jobs import sensitivity as sensitivity
     from flexstage.report.notebook.jobs import study as study
     from flexstage.report.notebook.jobs import sweep as sweep

@@ -38,7 +38,14 @@ if TYPE_CHECKING:
     from flexstage.measure.frf import DecayResult, FrfResult
     from flexstage.records import Record
     from flexstage.stage.designs import StageTemplate
-    from flexstage.studies.explore import Front, Optimum, Sensitivities, Sweep, ToleranceStudy
+    from flexstage.studies.explore import (
+        Ensemble,
+        Front,
+        Optimum,
+        Sensitivities,
+        Sweep,
+        ToleranceStudy,
+    )
     from flexstage.studies.study import Study
 
 _Path = str | os.PathLike[str]
@@ -339,6 +346,15 @@ def optimise(
 ) -> "Optimum | Front":
     """Return the optimum, or the Pareto front of several goals, by an `OptimiseRequest`."""
     run = _ready("optimise", _template(stage, set), fields)
+    with open_workers(workers) as shared:
+        return run(shared)
+
+
+def reconstruct(
+    stage: _Path, *, set: _Settings = None, workers: int = 1, **fields: Any
+) -> "Ensemble":
+    """Return the stages that agree with given figures, by a `ReconstructRequest`."""
+    run = _ready("reconstruct", _template(stage, set), fields)
     with open_workers(workers) as shared:
         return run(shared)
 

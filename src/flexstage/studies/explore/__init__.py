@@ -1,4 +1,4 @@
-"""Parameter studies: sensitivity, sweep, optimisation and tolerance analysis."""
+"""Parameter studies: sensitivity, sweep, optimisation, tolerance analysis, reconstruction."""
 
 from typing import TYPE_CHECKING
 
@@ -6,6 +6,7 @@ from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.studies.explore.batches import Job, batch_size
+    from flexstage.studies.explore.ensemble import Ensemble, FreeDimension, Observation
     from flexstage.studies.explore.family import (
         Evaluated,
         Family,
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from flexstage.studies.explore.optimise.multi_fidelity import SearchOptions, find_optimum
     from flexstage.studies.explore.optimise.optimum import Optimum
     from flexstage.studies.explore.optimise.problem import Goal, Problem
+    from flexstage.studies.explore.reconstruct import dimension_of, reconstruct
     from flexstage.studies.explore.sampling import (
         SobolIndices,
         SweepPlan,
@@ -33,12 +35,15 @@ if TYPE_CHECKING:
     from flexstage.studies.explore.workers import Workers, open_workers
 
 __all__ = [
+    "Ensemble",
     "Evaluated",
     "Family",
     "Figure",
+    "FreeDimension",
     "Front",
     "Goal",
     "Job",
+    "Observation",
     "Optimum",
     "Problem",
     "Requirement",
@@ -53,6 +58,7 @@ __all__ = [
     "Workers",
     "batch_size",
     "choose_tolerances",
+    "dimension_of",
     "evaluate",
     "every_variable",
     "figure_of",
@@ -61,6 +67,7 @@ __all__ = [
     "jacobian",
     "known_figures",
     "open_workers",
+    "reconstruct",
     "requirement_of",
     "saltelli_points",
     "sensitivities",

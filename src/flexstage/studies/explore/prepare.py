@@ -14,6 +14,7 @@ from flexstage.quantities.units import parse
 from flexstage.stage import Stage
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.deviations import KINDS, scatter_dimensions
+from flexstage.studies.explore.ensemble import Ensemble, observation_of
 from flexstage.studies.explore.family import Family, batched_figures, known_figures
 from flexstage.studies.explore.figures import (
     Figure,
@@ -30,14 +31,17 @@ from flexstage.studies.explore.optimise.default_requirements import (
     default_requirements,
     default_variables,
     fixed_dimensions_note,
+    free_variables,
     published_targets,
 )
 from flexstage.studies.explore.optimise.front import Front, find_front
 from flexstage.studies.explore.optimise.multi_fidelity import SearchOptions, find_optimum
 from flexstage.studies.explore.optimise.optimum import Optimum
 from flexstage.studies.explore.optimise.problem import Goal, Problem
+from flexstage.studies.explore.reconstruct import dimension_of, reconstruct
 from flexstage.studies.explore.requests import (
     OptimiseRequest,
+    ReconstructRequest,
     SensitivityRequest,
     SweepRequest,
     ToleranceRequest,
@@ -54,6 +58,7 @@ from flexstage.studies.explore.tolerance import ToleranceStudy, tolerance
 from flexstage.studies.explore.tolerance_choice import choose_tolerances
 from flexstage.studies.explore.variables import every_variable, listed, variables_of
 from flexstage.studies.explore.workers import Workers
+from flexstage.studies.models import analyse_model
 from flexstage.virtual.imperfections import Scatter
 from flexstage.virtual.neck_widths import measured_necks
 
@@ -176,6 +181,38 @@ def _targets(text: str | Requirement, described: Any, known: Any) -> tuple[Requi
             f"'{text[:60]}': use --keep for a limit"
         )
     return (target,)
+
+
+def ready_reconstruct(
+    request: ReconstructRequest, template: StageTemplate
+) -> Callable[[Workers], Ensemble]:
+    """Return the function that computes an ensemble of stages from given figures."""
+    described = template.stage()
+    variables = variables_of(template, request.free) or free_variables(template)
+    if not variables:
+        raise ModelError(
+            f"{template.source} has no parameter that can be varied: give its dimensions names "
+            "under 'parameters' in the stage file"
+        )
+    analysis = analyse_model(described, request.model)
+    known = {(row.quantity, row.axis) for row in analysis.characteristics}
+    targets: tuple[Requirement, ...] = ()
+    for text in request.match or (_PUBLISHED,):
+        targets += _targets(text, described, known)
+    names = [target.figure.name for target in targets]
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise ModelError(f"{', '.join(repeated)} is given twice: remove one")
+    run = partial(
+        reconstruct,
+        template,
+        [observation_of(target) for target in targets],
+        [dimension_of(variable) for variable in variables],
+        model=request.model,
+        members=request.members,
+        seed=request.seed,
+        seconds=request.time,
+    )
+    return lambda workers: replace(run(workers=workers), request=request)
 
 
 def ready_sensitivity(

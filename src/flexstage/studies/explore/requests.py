@@ -1,11 +1,12 @@
-"""Requests of parameter studies: sweep, optimisation, tolerance and sensitivity analysis."""
+"""Requests of parameter studies: sweep, optimisation, tolerance, sensitivity, reconstruction."""
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from flexstage.files.ranges import Count, Range, Seed, Size, Stated, Written
+from flexstage.files.ranges import POSITIVE, Count, Range, Seed, Size, Stated, Written
 from flexstage.files.request import Request
+from flexstage.quantities.units import Time
 from flexstage.system.requests import ModelName
 
 if TYPE_CHECKING:
@@ -125,6 +126,30 @@ class OptimiseRequest(Request):
     """Largest number of evaluations of the lumped model (default: 250 per parameter, plus 500)."""
     seed: Seed = 0
     """Random seed of starts and Pareto front."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReconstructRequest(Request):
+    """Reconstruction: what given figures tell of the dimensions and other figures of a stage."""
+
+    match: Annotated[tuple[str | Requirement, ...], Written("VALUE")] = ()
+    """Given figure with its standard uncertainty, such as "natural_frequency.x = 320 Hz +- 2 Hz";
+    or published, the published finite-element values of STAGE (default: published). The error of
+    the model is added: 1 % of a stress, 0.5 % of other figures.
+    """
+    free: _Ranges = ()
+    """A free dimension and one standard deviation to either side before, such as
+    leg_neck="0.4..0.6 mm"; or "x.*=20 %", all parameters whose names match (default: all dimensions
+    by 20 %, except those of bought parts and bolts).
+    """
+    members: Annotated[int, Range(low=0, high=10_000)] = 60
+    """Number of stages of the ensemble; 0 for the linear estimate alone."""
+    time: Annotated[Time, POSITIVE] = 120.0
+    """Time after which no more members are computed."""
+    model: _Corrected = "superelement"
+    """Model of the figures: superelement, or lumped (fast, without motion across and drift)."""
+    seed: Seed = 0
+    """Random seed of the members."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

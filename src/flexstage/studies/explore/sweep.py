@@ -398,7 +398,7 @@ def sweep(
     figures = tuple(figures)
     job = Job(
         name="sweep",
-        work=_evaluate_batch,
+        work=evaluate_batch,
         payload=(family, points, figures, model),
         count=len(points),
         batch=batch_size(len(points), typical_seconds(model)),
@@ -438,7 +438,7 @@ def sweep(
     )
 
 
-def _evaluate_batch(
+def evaluate_batch(
     payload: tuple[Family, Array, tuple[Figure, ...], str], start: int, stop: int
 ) -> dict[str, np.ndarray]:
     """Evaluate a batch of points."""

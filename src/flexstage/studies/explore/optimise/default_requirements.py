@@ -218,6 +218,20 @@ def default_variables(template: StageTemplate) -> tuple[Variable, ...]:
     return tuple(v for v in every_variable(template, SHARE) if not _is_fixed(v.name))
 
 
+def free_variables(template: StageTemplate) -> tuple[Variable, ...]:
+    """Return the dimensions that a reconstruction frees by default, by 20 % to either side.
+
+    They are those of `default_variables` and the plate thickness.
+
+    Examples
+    --------
+    >>> variables = free_variables(StageTemplate.of("parallelogram"))
+    >>> [v.range_text for v in variables if v.name == "thickness"]
+    ['8..12 mm']
+    """
+    return tuple(v for v in every_variable(template) if v.name == _PLATE or not _is_fixed(v.name))
+
+
 def fixed_dimensions_note(template: StageTemplate) -> str:
     """Return the dimensions that `default_variables` omits, as a note; empty if there are none."""
     names = [

@@ -1,0 +1,68 @@
+"""`flexstage reconstruct`: stages that agree with given figures, and their other figures."""
+
+from pathlib import Path
+
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring
+from flexstage.cli.output import (
+    FigureFile,
+    OutputFolder,
+    console,
+    display_table,
+    print_notes,
+    print_result,
+    progress_bar,
+    write_folder,
+    write_picture,
+)
+from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
+from flexstage.studies.explore.requests import USUAL_WORKERS, ReconstructRequest, WorkerRequest
+
+
+@from_docstring
+def reconstruct(
+    stage: TemplateArgument,
+    request: ReconstructRequest,
+    folder: OutputFolder = None,
+    figure: FigureFile = None,
+    options: ParameterOptions = NOTHING_SET,
+    sharing: WorkerRequest = USUAL_WORKERS,
+    quiet: QuietOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Infer dimensions from published or measured figures, and predict other figures.
+
+    Many stages have the same few figures. The output gives the range of every figure and dimension
+    over the stages that agree with the given ones, and the measurement that would narrow it most.
+
+    Parameters
+    ----------
+    folder
+        Write each member as member-N.yaml, the most probable stage as best.yaml, reconstruct.json
+        and a picture.
+    figure
+        Draw the range of every figure (.svg, .png or .pdf).
+    """
+    from flexstage.report.reconstruct import ensemble_notes, ensemble_tables
+    from flexstage.report.result_files import ensemble_files
+    from flexstage.studies.explore.prepare import ready_reconstruct
+
+    run = ready_reconstruct(request, options.template(stage))
+    with progress_bar("reconstruct", quiet=quiet), sharing.open() as workers:
+        ensemble = run(workers)
+    files = write_folder(folder, lambda: ensemble_files(ensemble))
+    files += write_picture(figure, ensemble.plot)
+    if json:
+        print_result(ensemble.to_dict(), files)
+        return
+    screen = console()
+    for table in ensemble_tables(ensemble):
+        display_table(screen, table)
+    print_notes(screen, ensemble_notes(ensemble), _listed(files))
+
+
+def _listed(files: list[Path]) -> list[str]:
+    """Return the names of files, those of the members in one line."""
+    members = [file for file in files if file.name.startswith("member-")]
+    others = [str(file) for file in files if file not in members]
+    ends = [f"{members[0]} to {members[-1]}"] if len(members) > 1 else [str(m) for m in members]
+    return [*others, *ends]

@@ -1,0 +1,538 @@
+"""Result of a reconstruction: figures with ranges, dimensions, and what to measure next."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.provenance import Provenance
+from flexstage.base.short_repr import short_repr
+from flexstage.files.plain import picked, plain
+from flexstage.files.result import Result
+from flexstage.measure.posterior import Posterior
+from flexstage.quantities.quantity import number
+from flexstage.stage import Stage
+from flexstage.stage.designs import StageTemplate
+from flexstage.studies.explore.family import Family
+from flexstage.studies.explore.figures import Figure, Requirement, figure_of
+from flexstage.studies.explore.variables import Variable
+
+#: Error of a superelement model from mesh to mesh, as a share of a figure [1].
+MODEL_ERROR = 5e-3
+#: The same of a stress, and of safety factors that follow from it [1].
+STRESS_ERROR = 1e-2
+_STRESS = ("max_stress", "safety_factor", "fatigue_safety")
+#: Assumed noise of a further measurement: a caliper [m], an autocollimator [rad], a capacitive
+#: sensor of 10 nm over a stroke of 0.1 mm [1] and over one kelvin [m/K].
+CALIPER, AUTOCOLLIMATOR, ACROSS, DRIFT = 1e-4, 1e-6, 1e-4, 1e-8
+_NOISE = {
+    "parasitic_rotation": AUTOCOLLIMATOR,
+    "cross_coupling": ACROSS,
+    "thermal_drift": DRIFT,
+    "width": CALIPER,
+    "height": CALIPER,
+    "thickness": CALIPER,
+}
+# figures that a bench measures; others follow from them, or cannot be measured
+_MEASURABLE = (
+    *_NOISE,
+    "output_displacement",
+    "natural_frequency_hz",
+    "input_stiffness",
+    "output_stiffness",
+    "mass",
+)
+_NORMAL = 1.959963984540054
+#: Difference of standard deviations or medians, over Laplace's standard deviation, beyond which the
+#: ensemble replaces Laplace's approximation [1].
+DISAGREEMENT = 0.3
+#: Fewest members whose standard deviation counts: it is known to 16 %.
+FEWEST_MEMBERS = 20
+
+Kind = Literal["given", "predicted"]
+Origin = Literal["Laplace", "ensemble"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """A published or measured figure."""
+
+    figure: Figure
+    """The figure."""
+    value: float
+    """Its value, in the unit of the figure."""
+    uncertainty: float = 0.0
+    """Standard uncertainty of the value, in its unit; that of the model is added."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.value) and 0.0 <= self.uncertainty < math.inf):
+            raise ModelError(
+                f"{self.figure.name} needs a finite value and an uncertainty of 0 or more, got "
+                f"{self.value!r} and {self.uncertainty!r}"
+            )
+        if not self.spread > 0.0:
+            raise ModelError(
+                f"{self.figure.name} = 0 needs an uncertainty, such as +- "
+                f"{self.figure.text(noise_of(self.figure, 0.0))}"
+            )
+
+    @property
+    def logarithmic(self) -> bool:
+        """True if the logarithm of the figure is taken to be normal."""
+        return self.value > 0.0 and self.figure.display.zero == 0.0
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of value and model together, of the logarithm if that is normal."""
+        both = math.hypot(self.uncertainty, model_error(self.figure) * self.value)
+        return both / self.value if self.logarithmic else both
+
+
+def observation_of(target: Requirement) -> Observation:
+    """Return the given figure of a value with a tolerance, its standard uncertainty."""
+    assert target.low is not None
+    assert target.high is not None
+    return Observation(
+        figure=target.figure,
+        value=0.5 * (target.low + target.high),
+        uncertainty=0.5 * (target.high - target.low),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FreeDimension:
+    """A free dimension, log-normal before."""
+
+    variable: Variable
+    """The dimension."""
+    median: float
+    """Median before [SI]."""
+    sigma: float
+    """Standard deviation of its logarithm before [1]."""
+
+    @property
+    def name(self) -> str:
+        """Name of the dimension."""
+        return self.variable.name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NextMeasurement:
+    """A further measurement, and what it leaves of the spread of a figure."""
+
+    name: str
+    """Name of the measured figure or dimension."""
+    noise: float
+    """Standard uncertainty of the measurement, in its unit."""
+    noise_text: str
+    """The same with its unit."""
+    remaining: float
+    """Standard deviation of the wanted figure after it, over that before [1]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FigureRow:
+    """A figure with its range."""
+
+    figure: Figure
+    """The figure."""
+    kind: Kind
+    """``given``, or ``predicted`` from the given ones."""
+    described: float
+    """Value of the described stage, in the unit of the figure."""
+    best: float
+    """Value of the most probable stage."""
+    median: float
+    """Median."""
+    low: float
+    """Lower end of the 95 % range."""
+    high: float
+    """Upper end of the 95 % range."""
+    by: Origin
+    """Origin of median and range."""
+    before: float
+    """Standard deviation before, of the logarithm if that is normal."""
+    laplace: float
+    """Standard deviation by Laplace's approximation, likewise."""
+    ensemble: float | None
+    """Standard deviation of the members, likewise; None with few members."""
+
+    @property
+    def agreement(self) -> float | None:
+        """Standard deviation of the members over Laplace's one [1]; None without either."""
+        if self.ensemble is None or not self.laplace:
+            return None
+        return self.ensemble / self.laplace
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DimensionRow:
+    """A dimension before and after."""
+
+    dimension: FreeDimension
+    """The dimension and what is known before."""
+    median: float
+    """Median after [SI]."""
+    low: float
+    """Lower end of the 95 % range [SI]."""
+    high: float
+    """Upper end of the 95 % range [SI]."""
+    by: Origin
+    """Origin of median and range."""
+    laplace: float
+    """Standard deviation after over that before, by Laplace's approximation [1]."""
+    ensemble: float | None
+    """The same of the members [1]; None with few members."""
+
+    @property
+    def remaining(self) -> float:
+        """Standard deviation after over that before, by the origin of the range [1]."""
+        return self.laplace if self.ensemble is None or self.by == "Laplace" else self.ensemble
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Ranges:
+    """Median and ends of the 95 % range of a normal figure, and their origin."""
+
+    ends: tuple[float, float, float]
+    by: Origin
+    ensemble: float | None
+
+
+def _ranges(middle: float, spread: float, of_members: Array) -> _Ranges:
+    """Return the range by Laplace's approximation, or by members that disagree with it."""
+    members = of_members[np.isfinite(of_members)]
+    ends = (middle, middle - _NORMAL * spread, middle + _NORMAL * spread)
+    if len(members) < FEWEST_MEMBERS:
+        return _Ranges(ends=ends, by="Laplace", ensemble=None)
+    deviation = float(members.std(ddof=1))
+    median, low, high = np.quantile(members, [0.5, 0.025, 0.975]).tolist()
+    wide = abs(deviation - spread) > DISAGREEMENT * spread
+    if wide or abs(median - middle) > DISAGREEMENT * spread:
+        return _Ranges(ends=(median, low, high), by="ensemble", ensemble=deviation)
+    return _Ranges(ends=ends, by="Laplace", ensemble=deviation)
+
+
+def model_error(figure: Figure) -> float:
+    """Return the relative error of a superelement model by its mesh [1]."""
+    return STRESS_ERROR if figure.quantity in _STRESS else MODEL_ERROR
+
+
+def noise_of(figure: Figure, value: float) -> float:
+    """Return the assumed noise of a measurement of a figure, in its unit."""
+    return _NOISE.get(figure.quantity, MODEL_ERROR * abs(value))
+
+
+def _noise_text(noise: float, factor: float, unit: str) -> str:
+    return f"{number(noise * factor, 2)} {unit}".strip()
+
+
+def scaled(values: Array, logarithmic: NDArray[np.bool_]) -> Array:
+    """Return values, or their logarithms where these are normal; NaN without one.
+
+    Examples
+    --------
+    >>> scaled(np.array([1.0, 2.0]), np.array([True, False])).tolist()
+    [0.0, 2.0]
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(logarithmic, np.log(np.where(logarithmic, values, 1.0)), values)
+
+
+def unscaled(values: Array, logarithmic: NDArray[np.bool_]) -> Array:
+    """Return values of their logarithms, where these are normal: the inverse of `scaled`."""
+    return np.where(logarithmic, np.exp(np.where(logarithmic, values, 0.0)), values)
+
+
+def rows_of(slopes: Array, values: Array, logarithmic: NDArray[np.bool_]) -> Array:
+    """Return derivatives of `scaled` values for those of the values, shape (f, p)."""
+    return slopes / np.where(logarithmic, values, 1.0)[:, None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ensemble(Result):
+    """Stages that agree with given figures, and the ranges of their other figures."""
+
+    table_key: ClassVar[str] = "figures"
+
+    template: StageTemplate
+    """The described stage."""
+    model: str
+    """Model of the figures."""
+    observations: tuple[Observation, ...]
+    """Given figures."""
+    dimensions: tuple[FreeDimension, ...]
+    """Free dimensions, and what is known of them before."""
+    figures: tuple[Figure, ...]
+    """All figures of the model."""
+    described: Array
+    """Figures of the described stage, in their units, shape (f,)."""
+    logarithmic: NDArray[np.bool_]
+    """True for figures whose logarithm is taken to be normal, shape (f,)."""
+    coordinates: Array
+    """Most probable coordinates z of the dimensions, shape (p,)."""
+    best: Array
+    """Dimensions of the most probable stage [SI], shape (p,)."""
+    best_values: Array
+    """Its figures, in their units, shape (f,)."""
+    middle: Array
+    """Figures, or their logarithms, at `coordinates`, shape (f,)."""
+    rows: Array
+    """Derivatives of figures, or of their logarithms, by the coordinates, shape (f, p)."""
+    posterior: Posterior
+    """Covariance of the coordinates, by Laplace's approximation."""
+    points: Array
+    """Dimensions of the members [SI], shape (members, p)."""
+    values: Array
+    """Figures of the members, in their units, shape (members, f)."""
+    requested: int
+    """Number of members that were asked for."""
+    seed: int
+    """Random seed."""
+    refused: Mapping[str, int]
+    """Refused draws: ``impossible`` ones, and those ``off`` the given figures by the model."""
+    seconds: Mapping[str, float]
+    """Time of ``laplace`` and of the ``members`` [s]."""
+    provenance: Provenance
+    """Origin of the result."""
+
+    __repr__ = short_repr
+
+    @property
+    def family(self) -> Family:
+        """The stages over their free dimensions."""
+        variables = tuple(d.variable for d in self.dimensions)
+        return Family(template=self.template, variables=variables)
+
+    @property
+    def members(self) -> tuple[Stage, ...]:
+        """The stages of the ensemble."""
+        return tuple(self.family.stage(point) for point in self.points)
+
+    @property
+    def stage(self) -> Stage:
+        """The most probable stage."""
+        return self.family.stage(self.best)
+
+    @property
+    def learned(self) -> dict[str, float]:
+        """Part of the variance of each dimension that the given figures took away [1]."""
+        learned = self.posterior.learned.tolist()
+        return {d.name: part for d, part in zip(self.dimensions, learned, strict=True)}
+
+    @property
+    def informed(self) -> float:
+        """Number of directions of the dimensions that the given figures inform."""
+        return self.posterior.informed
+
+    def figure_rows(self) -> tuple[FigureRow, ...]:
+        """Return all figures that the dimensions change, with their ranges."""
+        observed = {o.figure for o in self.observations}
+        spread, before = self.posterior.spread(self.rows), np.linalg.norm(self.rows, axis=1)
+        of_members = scaled(self.values, self.logarithmic)
+        rows = []
+        for i in np.flatnonzero(self.varying).tolist():
+            ranges = _ranges(float(self.middle[i]), float(spread[i]), of_members[:, i])
+            ends = unscaled(np.array(ranges.ends), self.logarithmic[i : i + 1])
+            median, low, high = ends.tolist()
+            rows.append(
+                FigureRow(
+                    figure=self.figures[i],
+                    kind="given" if self.figures[i] in observed else "predicted",
+                    described=float(self.described[i]),
+                    best=float(self.best_values[i]),
+                    median=median,
+                    low=low,
+                    high=high,
+                    by=ranges.by,
+                    before=float(before[i]),
+                    laplace=float(spread[i]),
+                    ensemble=ranges.ensemble,
+                )
+            )
+        return tuple(rows)
+
+    @property
+    def varying(self) -> NDArray[np.bool_]:
+        """True for figures that the free dimensions change by more than rounding, shape (f,)."""
+        pairs = zip(self.figures, self.middle.tolist(), strict=True)
+        least = [max(figure.display.zero, 1e-9 * abs(middle)) for figure, middle in pairs]
+        return np.linalg.norm(self.rows, axis=1) > np.array(least)
+
+    def figure(self, name: str) -> FigureRow:
+        """Return one figure with its range, by a name such as ``cross_coupling.x``."""
+        figure = figure_of(name, {f.key for f in self.figures})
+        for row in self.figure_rows():
+            if row.figure == figure:
+                return row
+        raise ModelError(f"no free dimension changes {figure.name}")
+
+    def dimension_rows(self) -> tuple[DimensionRow, ...]:
+        """Return all dimensions before and after, the most informed ones first."""
+        spread = np.sqrt(np.diag(self.posterior.covariance))
+        median = np.array([d.median for d in self.dimensions])
+        sigma = np.array([d.sigma for d in self.dimensions])
+        of_members = np.log(self.points / median) / sigma
+        rows = []
+        for i in np.argsort(spread).tolist():
+            ranges = _ranges(float(self.coordinates[i]), float(spread[i]), of_members[:, i])
+            middle, *limits = (median[i] * np.exp(sigma[i] * np.array(ranges.ends))).tolist()
+            rows.append(
+                DimensionRow(
+                    dimension=self.dimensions[i],
+                    median=middle,
+                    low=min(limits),
+                    high=max(limits),
+                    by=ranges.by,
+                    laplace=float(spread[i]),
+                    ensemble=ranges.ensemble,
+                )
+            )
+        return tuple(rows)
+
+    def next(
+        self, figure: str, candidates: Mapping[str, float] | None = None
+    ) -> tuple[NextMeasurement, ...]:
+        """Rank further measurements by what they leave of the spread of a figure, best first.
+
+        Parameters
+        ----------
+        figure : str
+            Name of the figure to narrow, such as ``cross_coupling.x``.
+        candidates : mapping, optional
+            Standard uncertainty of each possible measurement, by the name of its figure or
+            dimension, in the unit of the figure or SI; default: all figures that a bench measures
+            and all dimensions, with the assumed noise of this module.
+
+        Returns
+        -------
+        tuple of NextMeasurement
+            The measurements, by Laplace's approximation.
+
+        Raises
+        ------
+        ModelError
+            There is no such figure or dimension.
+        """
+        known = {f.key for f in self.figures}
+        target = self.figures.index(figure_of(figure, known))
+        usual = self._candidates() if candidates is None else dict(candidates)
+        rows, noises, texts, names = [], [], [], []
+        for name, noise in usual.items():
+            row, scale, text = self._candidate(name, noise)
+            rows.append(row)
+            noises.append(noise / scale)
+            texts.append(text)
+            names.append(name)
+        if not self.varying[target]:
+            raise ModelError(f"no free dimension changes {figure}")
+        remaining = self.posterior.remaining(
+            self.rows[target], np.array(rows).reshape(-1, len(self.dimensions)), np.array(noises)
+        )
+        return tuple(
+            NextMeasurement(
+                name=names[k],
+                noise=list(usual.values())[k],
+                noise_text=texts[k],
+                remaining=float(remaining[k]),
+            )
+            for k in np.argsort(remaining, kind="stable").tolist()
+            if names[k] != self.figures[target].name
+        )
+
+    def _candidates(self) -> dict[str, float]:
+        observed = {o.figure for o in self.observations}
+        values = unscaled(self.middle, self.logarithmic)
+        figures = {
+            f.name: noise_of(f, value)
+            for f, value, changes in zip(
+                self.figures, values.tolist(), self.varying.tolist(), strict=True
+            )
+            if f.quantity in _MEASURABLE and f not in observed and changes
+        }
+        lengths = {d.name: CALIPER for d in self.dimensions if d.variable.dimension == "length"}
+        # a dimension may be a figure as well, such as the thickness
+        return lengths | figures
+
+    def _candidate(self, name: str, noise: float) -> tuple[Array, float, str]:
+        """Return derivatives of a candidate, the unit of its noise in them, and the noise."""
+        for i, dimension in enumerate(self.dimensions):
+            if dimension.name == name:
+                row = np.zeros(len(self.dimensions))
+                row[i] = dimension.sigma
+                value = dimension.median * math.exp(dimension.sigma * self.coordinates[i])
+                variable = dimension.variable
+                return row, abs(value), _noise_text(noise, variable.factor, variable.unit)
+        figure = figure_of(name, {f.key for f in self.figures})
+        i = self.figures.index(figure)
+        value = float(unscaled(self.middle[i : i + 1], self.logarithmic[i : i + 1])[0])
+        text = _noise_text(noise, figure.display.factor, figure.display.shown_unit)
+        return self.rows[i], value if self.logarithmic[i] else 1.0, text
+
+    @property
+    def text(self) -> str:
+        """Stage file of the most probable stage."""
+        return self._text(self.best, "reconstructed", "most probable dimensions")
+
+    def member_text(self, number: int) -> str:
+        """Return the stage file of a member, by its number from 0."""
+        what = f"member {number + 1} of {len(self.points)}"
+        return self._text(self.points[number], f"member-{number + 1}", what)
+
+    def _text(self, point: Array, ending: str, what: str) -> str:
+        stage = self.template.stage()
+        # names have 80 characters at most
+        name = f"{stage.name[: 79 - len(ending)]}-{ending}"
+        title = f"{(stage.title or stage.name).rstrip('. ')}, reconstructed: {what}"
+        return self.family.text(point, name, title)
+
+    def data(self) -> dict[str, Any]:
+        names = [d.name for d in self.dimensions]
+        return {
+            "stage": self.template.source,
+            **picked(self, "model", "informed"),
+            "given": [
+                {
+                    **picked(o, "figure=figure.name", "unit=figure.display.unit"),
+                    **picked(o, "value", "uncertainty", "spread", "logarithmic"),
+                }
+                for o in self.observations
+            ],
+            "figures": [
+                {
+                    **picked(row, "figure=figure.name", "unit=figure.display.unit"),
+                    **picked(row, "kind", "described", "best", "median", "low", "high", "by"),
+                    "logarithmic": bool(self.logarithmic[self.figures.index(row.figure)]),
+                    **picked(row, "before", "laplace", "ensemble", "agreement"),
+                    "next": [plain(n) for n in self.next(row.figure.name)[:3]],
+                }
+                for row in self.figure_rows()
+            ],
+            "dimensions": [
+                {
+                    **picked(row, "name=dimension.name", "unit=dimension.variable.si_unit"),
+                    "before": picked(row.dimension, "median", "sigma"),
+                    **picked(
+                        row, "median", "low", "high", "by", "laplace", "ensemble", "remaining"
+                    ),
+                    "learned": self.learned[row.dimension.name],
+                }
+                for row in self.dimension_rows()
+            ],
+            "best": dict(zip(names, plain(self.best), strict=True)),
+            "members": [
+                {
+                    "dimensions": dict(zip(names, plain(point), strict=True)),
+                    "figures": dict(
+                        zip((f.name for f in self.figures), plain(values), strict=True)
+                    ),
+                }
+                for point, values in zip(self.points, self.values, strict=True)
+            ],
+            **picked(self, "requested", "refused", "seconds", "seed", "provenance"),
+        }
