@@ -402,8 +402,8 @@ CORNERS = 3.77e-6
 
 
 #: Ay, ux, uy, phi by Ax and B: loads at the middle of the inner face of the stage in EI/L^2, the
-#: couple B in EI/L (EI without plane strain), motion in lengths of the leaves. CalculiX, solids of 10 mm,
-#: large displacement (H. Su, github.com/haijunsu-osu/parallelogram_model_comparison at ca92a0e).
+#: couple B in EI/L (EI without plane strain), motion in lengths of the leaves. CalculiX, solids
+#: of 10 mm (H. Su, github.com/haijunsu-osu/parallelogram_model_comparison at ca92a0e).
 SOLIDS = {
     (0.0, 0.0): """
         0 0 0 -0
