@@ -32,6 +32,7 @@ from flexstage.system.mechanical import (
     drive_port,
 )
 from flexstage.system.stress_map import StressMap
+from flexstage.system.thermal_transient import heats
 
 # a notch of constant thickness is a leaf from this many of its thicknesses on
 _LEAF = 4.0
@@ -221,15 +222,17 @@ class Ports:
     """Force on the coordinates, shape (n,), and unit of each load."""
     heated: Mapping[str, Array] = field(default_factory=dict)
     """Force on the coordinates for one kelvin of each body, shape (n,), where heat flows."""
+    turned: tuple[str, ...] = ()
+    """Bodies whose rotation is exact under such forces: those that probes read."""
 
-    def static_vectors(self, stage: Stage) -> list[Array]:
-        """Return the rows whose static responses are exact: with heat also of rotations."""
-        turned = dict.fromkeys(p.body for p in stage.probes) if self.heated else ()
+    @property
+    def static_vectors(self) -> list[Array]:
+        """Rows whose static responses are exact."""
         return [
             *self.drives.values(),
             *self.probes.values(),
             *(v for v, _ in self.loads.values()),
-            *(self.bodies[name][1][2] for name in turned),
+            *(self.bodies[name][1][2] for name in self.turned),
         ]
 
     def changed(self, change: Callable[[Array], Array]) -> "Ports":
@@ -240,6 +243,7 @@ class Ports:
             bodies={name: (at, change(rows)) for name, (at, rows) in self.bodies.items()},
             loads={name: (change(v), unit) for name, (v, unit) in self.loads.items()},
             heated={name: change(v) for name, v in self.heated.items()},
+            turned=self.turned,
         )
 
 
@@ -263,7 +267,13 @@ def side_by_side(parts: Sequence[Ports], sizes: Sequence[int]) -> Ports:
         bodies=wider[0].bodies,
         loads={name: v for ports in wider for name, v in ports.loads.items()},
         heated=wider[0].heated,
+        turned=wider[0].turned,
     )
+
+
+def turned_bodies(stage: Stage) -> tuple[str, ...]:
+    """Return the bodies that probes read, of a stage where heat flows; else none."""
+    return tuple(dict.fromkeys(p.body for p in stage.probes)) if heats(stage) else ()
 
 
 def lifted_probes(stage: Stage) -> dict[str, tuple[str, Point]]:

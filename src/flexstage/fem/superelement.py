@@ -230,7 +230,7 @@ def _joined(
     joints = [join(stage, placed[way], condensed[way]) for way in ways]
     bases, omegas, names = [], [], []
     for k, joint in enumerate(joints):
-        omega, basis, is_mode = lowest(stage, joint, STAGE_MODES if k == 0 else STAGE_MODES // 2)
+        omega, basis, is_mode = lowest(joint, STAGE_MODES if k == 0 else STAGE_MODES // 2)
         where = "out of plane, " if k else ""
         names += [
             f"{where}{'mode' if m else 'static response'} {i + 1} "
