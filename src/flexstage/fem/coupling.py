@@ -14,7 +14,7 @@ from flexstage.base.errors import ModelError
 from flexstage.fem.condensation import Condensed, independent, softest_modes
 from flexstage.fem.layered_plate import REFERENCE
 from flexstage.fem.necks import InterfaceDofs, interface_dofs
-from flexstage.fem.stage_system import Ports, lifted_probes, side_by_side
+from flexstage.fem.stage_system import Ports, lifted_probes, side_by_side, turned_bodies
 from flexstage.fem.substructure import Placed
 from flexstage.stage import Stage
 from flexstage.system.mechanical import STANDARD_GRAVITY
@@ -261,7 +261,7 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
                 key: (f, loads[key].unit) for key, f in zip(stage_load_names, forces, strict=True)
             },
             heated=heated,
-            turned=tuple(dict.fromkeys(p.body for p in stage.probes)) if heated else (),
+            turned=turned_bodies(stage) if heated else (),
         ),
         shares=tuple(shares),
     )
@@ -401,7 +401,7 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         raise ModelError(
             "a body has no mass or is not attached, so the stage has no natural frequencies"
         ) from error
-    vectors = joint.ports.static_vectors()
+    vectors = joint.ports.static_vectors
     if not vectors or count == n:
         return omega, size[:, None] * modes, np.ones(count, dtype=bool)
     forces = size[:, None] * np.array(vectors).T

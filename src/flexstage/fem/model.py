@@ -29,6 +29,7 @@ from flexstage.fem.stage_system import (
     rigid_regions,
     side_by_side,
     stage_system,
+    turned_bodies,
 )
 from flexstage.stage import MassProperties, Stage, mass_properties
 from flexstage.system import MechanicalSystem
@@ -241,8 +242,9 @@ def _uncoupled(
             d.name: drive_vector(continuum, stage, d, faces.patches, supports) for d in stage.drives
         }
         probes = {p.name: probe_vector(continuum, stage, p) for p in stage.probes}
-    bodies, heated = {}, {}
+    bodies, heated, turned = {}, {}, ()
     if not out_of_plane:
+        turned = turned_bodies(stage)
         bodies = {
             n: (p.centre, body_motion(continuum, stage, n, p.centre)) for n, p in masses.items()
         }
@@ -251,14 +253,9 @@ def _uncoupled(
                 where = continuum.mesh.MaterialCF({body_regions(stage, name): 1.0}, default=0.0)
                 heated[name] = continuum.thermal(where)
     ports = Ports(
-        drives=drives,
-        probes=probes,
-        bodies=bodies,
-        loads=loads,
-        heated=heated,
-        turned=tuple(dict.fromkeys(p.body for p in stage.probes)) if heated else (),
+        drives=drives, probes=probes, bodies=bodies, loads=loads, heated=heated, turned=turned
     )
-    right = np.array(ports.static_vectors()).reshape(-1, continuum.size).T
+    right = np.array(ports.static_vectors).reshape(-1, continuum.size).T
     omega, basis, is_mode = project(continuum, right, count, attached)
     progress.update("stress", 0.85)
     points = neck_points(continuum.mesh, stage)

@@ -35,6 +35,7 @@ from flexstage.system.mechanical import (
     drive_port,
 )
 from flexstage.system.stress_map import StressMap
+from flexstage.system.thermal_transient import heats
 
 # a notch of constant thickness is a leaf from this many of its thicknesses on
 _LEAF = 4.0
@@ -241,12 +242,12 @@ class Ports:
     """Force on the coordinates, shape (n,), and unit of each load."""
     heated: Mapping[str, Array] = field(default_factory=dict)
     """Force on the coordinates for one kelvin of each body, shape (n,), where heat flows."""
-
     turned: tuple[str, ...] = ()
-    """Bodies whose rotation in the plane has an exact static response."""
+    """Bodies whose rotation is exact under such forces: those that probes read."""
 
+    @property
     def static_vectors(self) -> list[Array]:
-        """Return the rows whose static responses are exact."""
+        """Rows whose static responses are exact."""
         return [
             *self.drives.values(),
             *self.probes.values(),
@@ -288,6 +289,11 @@ def side_by_side(parts: Sequence[Ports], sizes: Sequence[int]) -> Ports:
         heated=wider[0].heated,
         turned=wider[0].turned,
     )
+
+
+def turned_bodies(stage: Stage) -> tuple[str, ...]:
+    """Return the bodies that probes read, of a stage where heat flows; else none."""
+    return tuple(dict.fromkeys(p.body for p in stage.probes)) if heats(stage) else ()
 
 
 def lifted_probes(stage: Stage) -> dict[str, tuple[str, Point]]:
