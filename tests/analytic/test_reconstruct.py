@@ -224,7 +224,8 @@ def test_as_many_hidden_bridges_are_within_their_ranges_as_stated(count, model, 
 def test_hidden_bridges_of_finite_elements_are_within_their_ranges(count):
     held = covered(count, 12, "superelement", 0)
     assert held.sum(axis=0).min() >= binom.ppf(0.00135, count, 0.95)
-    assert held.mean() > 0.9
+    # the ten ranges of a bridge go together: they count as one
+    assert held.mean() > 0.95 - 3.0 * math.sqrt(0.05 * 0.95 / count)
 
 
 @pytest.mark.parametrize(

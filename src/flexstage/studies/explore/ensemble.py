@@ -211,7 +211,9 @@ def _ranges(middle: float, spread: float, of_members: Array) -> _Ranges:
     if len(members) < FEWEST_MEMBERS:
         return _Ranges(ends=ends, by="Laplace", ensemble=None)
     deviation = float(members.std(ddof=1))
-    median, low, high = np.quantile(members, [0.5, 0.025, 0.975]).tolist()
+    # by positions p (n + 1), so that of few members as many further ones are within as of many
+    quantiles = np.quantile(members, [0.5, 0.025, 0.975], method="weibull")
+    median, low, high = quantiles.tolist()
     wide = abs(deviation - spread) > DISAGREEMENT * spread
     if wide or abs(median - middle) > DISAGREEMENT * spread:
         return _Ranges(ends=(median, low, high), by="ensemble", ensemble=deviation)

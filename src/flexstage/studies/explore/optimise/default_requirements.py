@@ -227,7 +227,7 @@ def free_variables(template: StageTemplate) -> tuple[Variable, ...]:
     --------
     >>> variables = free_variables(StageTemplate.of("parallelogram"))
     >>> [v.range_text for v in variables if v.name == "thickness"]
-    ['8..12 mm']
+    ['6.4..9.6 mm']
     """
     return tuple(v for v in every_variable(template) if v.name == _PLATE or not _is_fixed(v.name))
 
