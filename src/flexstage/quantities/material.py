@@ -70,8 +70,7 @@ _ASM = "ASM Metals Handbook vol. 2 (1990), typical values"
 _MIL = "MIL-HDBK-5J (2003) and ASM Metals Handbook vol. 1-2 (1990), typical values"
 
 #: Specific heats are those of W. D. Callister, Fundamentals of Materials Science and Engineering,
-#: table B.8, of 17-4PH that of the AK Steel data sheet; for Ti-6Al-4V handbooks disagree (526 to
-#: 610), so that none is given.
+#: table B.8; for Ti-6Al-4V handbooks disagree (526 to 610), so that none is given.
 CATALOGUE: dict[str, Material] = {
     m.name: m
     for m in (
@@ -113,7 +112,6 @@ CATALOGUE: dict[str, Material] = {
             fatigue_cycles=5e8,
             thermal_expansion=23.2e-6,
             thermal_conductivity=121.0,
-            specific_heat=875.0,
             source=f"{_ASM}; fatigue: R. R. Moore rotating bending",
         ),
         Material(
@@ -124,7 +122,6 @@ CATALOGUE: dict[str, Material] = {
             yield_strength=1170e6,
             thermal_expansion=10.8e-6,
             thermal_conductivity=17.9,
-            specific_heat=460.0,
             source=f"{_MIL}; yield: minimum of AMS 5604; conductivity: AK Steel 17-4 PH "
             "data sheet, at 149 degC",
         ),

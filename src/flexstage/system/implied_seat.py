@@ -263,6 +263,6 @@ def _pushed(drive: Drive, k_in: float, displacement: float) -> float:
     # contacts stiffen, so that each step ends below the root
     while step > _SETTLED * force:
         left = displacement - force / k_in - drive.compression(force)
-        step = left / (1.0 / k_in + 1.0 / drive.tangent(preload + force))
+        step = left / (1.0 / k_in + 1.0 / (drive.tangent(preload + force) or math.inf))
         force += step
     return force
