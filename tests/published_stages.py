@@ -29,7 +29,15 @@ from flexstage.fem.part import Part
 from flexstage.fem.part_analysis import Bodies
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.fem.stage_system import body_path, drive_vector
-from flexstage.hinges import RightCircular, closed_form_compliance, closed_forms, compliance
+from flexstage.hinges import (
+    Leaf,
+    RightCircular,
+    closed_form_compliance,
+    closed_forms,
+    compliance,
+)
+from flexstage.lumped import Mechanism, RigidBody, Sight, SpringHinge, equilibrium, nonlinear
+from flexstage.lumped.leaf import leaf_beam
 from flexstage.quantities.material import Material
 from flexstage.stage import Stage, read_stage
 from flexstage.system import analyse
@@ -562,6 +570,65 @@ def leaf_far() -> dict[str, float]:
     return figures
 
 
+def crossed_leaves(n: float) -> tuple[Array, Array, Array]:
+    """Turn two leaves that cross in their middles, n times as high as wide, by 1.1 rad.
+
+    Returns the rotations, and moment and stress there in the units of the source.
+    """
+    width, thickness, depth, modulus, poisson = 40.0, 0.2, 10.0, 200e3, 0.3
+    height, length = n * width, math.hypot(n, 1.0) * width
+    leaf = Leaf(neck_thickness=thickness, leaf_length=length, notch_depth=thickness)
+    stiffness = compliance(leaf, modulus, poisson, depth, method="timoshenko", plane="stress")
+    turn = math.atan2(height, width)
+    hinges = tuple(
+        SpringHinge(
+            name=f"{direction:.1f}",
+            bodies=(0, 1),
+            at=(0.0, 0.0),
+            direction=direction,
+            stiffness=stiffness.stiffness,
+            leaf=leaf_beam(leaf, modulus, poisson, depth),
+        )
+        for direction in (turn, math.pi - turn)
+    )
+    drives = tuple(
+        Sight(name=name, bodies=(0, 1), points=((x, 0.0), (x, 0.0)), direction=0.5 * math.pi)
+        for name, x in (("up", length), ("down", -length))
+    )
+    bodies = tuple(
+        RigidBody(name=name, centre=(0.0, 0.0), mass=1.0, inertia=1.0, fixed=name == "base")
+        for name in ("base", "arm")
+    )
+    model = nonlinear(Mechanism(name="pivot", bodies=bodies, hinges=hinges, drives=drives))
+    bending = modulus * depth * thickness**3 / 12.0
+    turned, moment, stress, state = [], [], [], None
+    while not turned or turned[-1] < 1.1:
+        # forces keep their direction: the couple falls as the arm turns
+        push = 0.04 * (len(turned) + 1) * bending / length**2
+        state = equilibrium(model, {}, forces={"up": push, "down": -push}, start=state)
+        angle = float(state.q[2])
+        sections = model.leaves.section_forces(state.leaves)
+        axial, across = np.abs(np.moveaxis(sections, -1, 0))
+        turned.append(angle)
+        moment.append(2.0 * push * length * math.cos(angle) * 2.0 * length / bending)
+        surface = axial / (depth * thickness) + 6.0 * across / (depth * thickness**2)
+        stress.append(float(surface.max()) * 2.0 * height / (modulus * thickness))
+    return np.array(turned), np.array(moment), np.array(stress)
+
+
+def cross_axis_pivots() -> dict[str, float]:
+    """Compute coefficients of stiffness and stress as the source fits them, at 22 rotations."""
+    figures, at = {}, 0.05 * np.arange(1.0, 23.0)
+    for n in (0.5, 1.0, 2.0, 4.0):
+        turned, moment, stress = crossed_leaves(n)
+        each = np.interp(at, turned, moment) / at
+        # the sum of relative errors is least at one of the rotations
+        errors = np.abs(1.0 - each[:, None] / each).sum(axis=1)
+        figures[f"stiffness {n:g}"] = float(each[np.argmin(errors)])
+        figures[f"stress {n:g}"] = float(np.interp(at, turned, stress) @ at / (at @ at))
+    return figures
+
+
 def _ring(shape: occ.TopoDS_Shape, poisson: float, size: float) -> tuple[Continuum, list[Array]]:
     """Return a part of a ring, and the mean motion of its free end along x, y and z."""
     part = Part.from_shape(shape)
@@ -874,6 +941,28 @@ CASES: tuple[Case, ...] = (
             Row(what="motion across at 4 E I/L^2 [L/10]", printed=6.698, key="across at 1"),
             Row(what="sag at 2 E I/L^2 [L/10]", printed=1.604, key="along at 0.5"),
             Row(what="sag at 4 E I/L^2 [L/10]", printed=3.286, key="along at 1"),
+        ),
+    ),
+    Case(
+        name="cross-axis pivot",
+        group="B. D. Jensen, L. L. Howell",
+        source="Mech. Mach. Theory 37 (2002) 461, equations 16 and 29 for n = height over width",
+        method="Ansys, elastic beams, large displacement",
+        obstacle="leaves that cross, which no single plate has",
+        compute=cross_axis_pivots,
+        seconds=2.0,
+        rows=(
+            Row(what="stiffness to 1.1 rad, n 0.5 [EI/2L]", printed=4.6532, key="stiffness 0.5"),
+            Row(what="stiffness to 1.1 rad, n 1 [EI/2L]", printed=4.3079, key="stiffness 1"),
+            Row(what="stiffness to 1.1 rad, n 4 [EI/2L]", printed=4.0244, key="stiffness 4"),
+            Row(
+                what="stress to 1.1 rad, n 0.5 [E t/2r]",
+                printed=0.70862,
+                key="stress 0.5",
+                why="stands: how its line over the rotation is fitted is not stated",
+            ),
+            Row(what="stress to 1.1 rad, n 1 [E t/2r]", printed=0.96513, key="stress 1"),
+            Row(what="stress to 1.1 rad, n 4 [E t/2r]", printed=1.0691, key="stress 4"),
         ),
     ),
     Case(
