@@ -362,6 +362,21 @@ def test_the_analysis_has_rows_and_says_how_even_the_temperature_of_bodies_is() 
     cycle = replace(stage, bench=replace(WARM_AIR, period=3600.0))
     row = next(r for r in analyse(cycle, system()).characteristics if r.quantity == "drift_in_time")
     assert "air +1 K (period of 60.0 min)" in row.note
+    assert row.note.startswith("when periodic; ")
+    # what begins from rest has died out
+    found = thermal_transient(cycle, system())
+    last, before = found.readings["x"][-49:], found.readings["x"][-97:-48]
+    assert row.value == max(last, key=abs)
+    np.testing.assert_allclose(before, last, rtol=0.0, atol=2e-3 * np.ptp(last))
+    cold = piezo(Bench(base=0.0), replace(HEAT, power=None))
+    notes = [n for n in analyse(cold, system()).validity if "has no power: give power" in n]
+    assert len(notes) == 2
+
+
+def test_equal_levers_are_alike_in_any_direction() -> None:
+    biot = heat_network(replace(design("three-rrr"), bench=WARM_AIR)).biot
+    assert biot["lever-2"] == pytest.approx(biot["lever-1"], rel=1e-9)
+    assert biot["link-3"] == pytest.approx(biot["link-1"], rel=1e-9)
 
 
 def test_what_gives_no_drift_in_time_is_said_in_one_sentence() -> None:
@@ -378,8 +393,11 @@ def test_what_gives_no_drift_in_time_is_said_in_one_sentence() -> None:
         thermal_transient(unknown, system())
     omitted = [n for n in analyse(unknown, system()).validity if "in time is omitted" in n]
     assert len(omitted) == 1
-    with pytest.raises(ModelError, match="there is no flow of heat: the stage has no bench"):
-        heat_network(replace(stage, bench=None))
+    for ask in (heat_network, lambda s: thermal_transient(s, system())):
+        with pytest.raises(ModelError, match="the stage has no bench: add 'bench'"):
+            ask(replace(stage, bench=None))
+    with pytest.raises(ModelError, match="begin at 0 s, got a time of -5 s"):
+        thermal_transient(stage, system(), [-5.0, 3.0])
     loose = heat_network(replace(chain(1, Bench(base=0.0)), hinges=()))
     with pytest.raises(ModelError, match="flows nowhere: give the bench a film_coefficient"):
         loose.modes()

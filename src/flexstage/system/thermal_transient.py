@@ -21,11 +21,11 @@ from flexstage.stage.outline import Circle
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.seated_drives import contact_forces, seated_drives
 from flexstage.system.statics import solve_stiffness
-from flexstage.system.thermal import drive_lengths, why_no_drift
+from flexstage.system.thermal import drive_lengths, has_bench, why_no_drift
 
-# A step is followed over this many of the largest time constants, a sine over two periods at least.
+# A step is followed over this many of the largest time constants, a sine over two periods more.
 _TIME_CONSTANTS, _POINTS = 7.0, 400
-_POINTS_OF_PERIOD, _PERIODS = 48, 400
+_POINTS_OF_PERIOD = 48
 _SETTLED = 5e-3  # relative change of a drift that is not worth a word
 # Usual limit of the Biot number of an isothermal body [1] (F. P. Incropera et al., Fundamentals of
 # Heat and Mass Transfer, section 5.1).
@@ -140,11 +140,8 @@ class ThermalTransient(Result):
 def heats(stage: Stage) -> bool:
     """Return whether heat flows in a stage: drives heat it, or base or air change."""
     bench = stage.bench
-    return bench is not None and bool(
-        bench.air_change
-        or bench.base_change
-        or any(d.heat is not None and d.heat.power for d in stage.drives)
-    )
+    changes = bench is not None and (bench.air_change or bench.base_change)
+    return bool(changes or any(d.heat is not None and d.heat.power for d in stage.drives))
 
 
 def heat_network(stage: Stage) -> HeatNetwork:
@@ -181,8 +178,7 @@ def heat_network(stage: Stage) -> HeatNetwork:
     masses, plates = mass_properties(stage), mass_properties(plain)
     longest, section = {}, {}
     for body in stage.bodies:
-        x0, y0, x1, y1 = body.outline.bounds()
-        longest[body.name] = max(x1 - x0, y1 - y0)
+        longest[body.name] = _longest_side(body)
     for name, bare in mass_properties(replace(plain, hinges=())).items():
         section[name] = bare.mass / (material.density * width * longest[name])
     index: dict[tuple[str, str], int] = {}
@@ -252,8 +248,20 @@ def _edges(body: Body) -> float:
     total = 0.0
     for shape in (body.outline, *body.holes):
         points = (shape.loop() if isinstance(shape, Circle) else shape).polyline()
-        total += float(np.sum(np.hypot(*(points - np.roll(points, 1, axis=0)).T)))
-    return total
+        total += _sides(points).sum()
+    return float(total)
+
+
+def _longest_side(body: Body) -> float:
+    """Return the longest side of the smallest rectangle around a body [m]."""
+    from shapely import MultiPoint, minimum_rotated_rectangle
+
+    around = minimum_rotated_rectangle(MultiPoint(body.outline.polyline()))
+    return float(_sides(np.array(around.exterior.coords)[:-1]).max())
+
+
+def _sides(points: Array) -> Array:
+    return np.hypot(*(points - np.roll(points, 1, axis=0)).T)
 
 
 def thermal_transient(
@@ -299,6 +307,8 @@ def thermal_transient(
     network = heat_network(stage)
     rates, _ = network.modes()
     t = _times(rates, bench) if time is None else np.atleast_1d(np.asarray(time, dtype=np.float64))
+    if np.any(t < 0.0):
+        raise ModelError(f"all changes begin at 0 s, got a time of {t.min():g} s: give later ones")
     nodes = network.temperatures(bench, t)
     cycle = 1.0 if bench.period is None else np.sin(2.0 * math.pi * t / bench.period)
     base = bench.base_change * cycle * np.ones_like(t)
@@ -350,8 +360,10 @@ def _times(rates: Array, bench: Bench) -> Array:
     if bench.period is None:
         first = min(0.1 / float(rates[-1]), 1e-3 * end)
         return np.concatenate(([0.0], np.geomspace(first, end, _POINTS)))
-    periods = min(math.ceil(end / bench.period) + 2, _PERIODS)
-    return np.linspace(0.0, periods * bench.period, periods * _POINTS_OF_PERIOD + 1)
+    # until it is periodic, and two periods of that
+    begin = math.ceil(end / bench.period) * bench.period
+    cycles = begin + bench.period * np.arange(2 * _POINTS_OF_PERIOD + 1) / _POINTS_OF_PERIOD
+    return np.concatenate((np.linspace(0.0, begin, _POINTS, endpoint=False), cycles))
 
 
 def _why_no_network(stage: Stage) -> str:
@@ -375,7 +387,7 @@ def why_no_transient(stage: Stage, system: MechanicalSystem) -> str:
         return (
             "nothing changes: give the bench air_change or base_change, or a drive heat with power"
         )
-    if why := why_no_drift(stage, system) or _why_no_network(stage):
+    if why := _why_no_network(stage) or why_no_drift(stage, system):
         return why
     if any(body.thermal is None for body in system.bodies):
         return "the model is one of a stage without them: make it of the stage with heat and bench"
@@ -385,9 +397,17 @@ def why_no_transient(stage: Stage, system: MechanicalSystem) -> str:
 def transient_notes(stage: Stage, system: MechanicalSystem) -> Iterator[str]:
     """Yield why a drift in time is missing, or which body is far from isothermal."""
     if not heats(stage):
+        for drive in stage.drives:
+            if drive.heat is not None and not drive.heat.power:
+                yield (
+                    f"Thermal drift in time is omitted: the heat of drive '{drive.name}' has no "
+                    "power: give power, or for a stack --rate in Hz and --loss-factor."
+                )
         return
     if why := why_no_transient(stage, system):
-        yield f"Thermal drift in time is omitted: {why}."
+        # said of the drift with the drives in place already
+        if not has_bench(stage) or why != why_no_drift(stage, system):
+            yield f"Thermal drift in time is omitted: {why}."
         return
     biot = heat_network(stage).biot
     worst = max(biot, key=lambda body: biot[body])
@@ -406,11 +426,13 @@ def transient_rows(
     if why_no_transient(stage, system):
         return
     result, port = thermal_transient(stage, system), system.probe(probe)
-    conditions = _conditions(stage)
+    conditions, period = _conditions(stage), stage.bench and stage.bench.period
     if port.unit == "m":
-        yield "drift_in_time", *_largest(result.time, result.readings[probe], conditions)
+        reading = result.readings[probe]
+        yield "drift_in_time", *_largest(result.time, reading, conditions, period)
         conditions = f"of body '{port.body}', {conditions}"
-    yield "rotation_in_time", *_largest(result.time, result.rotations[port.body], conditions)
+    rotation = result.rotations[port.body]
+    yield "rotation_in_time", *_largest(result.time, rotation, conditions, period)
 
 
 def time_constant_row(stage: Stage, system: MechanicalSystem) -> Iterator[tuple[str, float, str]]:
@@ -420,8 +442,13 @@ def time_constant_row(stage: Stage, system: MechanicalSystem) -> Iterator[tuple[
         yield "thermal_time_constant", 1.0 / float(rates[0]), "slowest of all bodies and drives"
 
 
-def _largest(time: Array, values: Array, conditions: str) -> tuple[float, str]:
-    """Return the largest value, by magnitude, and its note."""
+def _largest(
+    time: Array, values: Array, conditions: str, period: float | None
+) -> tuple[float, str]:
+    """Return the largest value, by magnitude, and its note; that of a sine in its last period."""
+    if period is not None:
+        last = values[time >= time[-1] - period]
+        return float(last[np.argmax(np.abs(last))]), f"when periodic; {conditions}"
     at = int(np.argmax(np.abs(values)))
     end = number(time[-1] / 60.0, 3)
     when = f"after {end} min"

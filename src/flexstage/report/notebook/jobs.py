@@ -26,7 +26,7 @@ from flexstage.stage import check as check_stage
 from flexstage.studies.explore.workers import open_workers
 from flexstage.studies.models import ModelRun, run_model
 from flexstage.studies.requests import AnalyseRequest, ModelOptions, StackOptions
-from flexstage.studies.stacks import stacks_at_work
+from flexstage.studies.stacks import heated_by_stacks, stacks_at_work
 from flexstage.system import Analysis, MechanicalSystem
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ def analyse(
     of_stacks = {name: fields.pop(name) for name in request_fields(StackOptions) if name in fields}
     stacks = request_of(StackOptions, None, of_stacks)
     options = request_of(ModelOptions, None, fields)
-    run = run_model(stage_of(stage), model, options)
+    run = run_model(heated_by_stacks(stage_of(stage), stacks), model, options)
     run = replace(run, stacks=stacks_at_work(run.analysis, stacks))
     parts = {"model": model, "options": options, "stacks": stacks}
     request = request_of(AnalyseRequest, None, parts)
