@@ -145,10 +145,10 @@ def test_simulated_stages_have_the_measured_necks(tmp_path: Path) -> None:
         return np.array([h.profile.neck_thickness - necks[h.name] for h in made.hinges])
 
     thin, process = widths.biased(STAGE), widths.scattered(Scatter())
-    parts = np.array([thinner(manufactured(thin, process, seed=seed)) for seed in range(400)])
+    parts = np.array([thinner(manufactured(thin, process, seed=seed)) for seed in range(64)])
     # bias within three standard deviations, and scatter of each neck about the mean of its part
-    assert parts.mean() == pytest.approx(-20e-6, abs=0.3e-6)
-    assert parts.var(axis=1, ddof=1).mean() ** 0.5 == pytest.approx(widths.individual, rel=0.1)
+    assert parts.mean() == pytest.approx(-20e-6, abs=0.75e-6)
+    assert parts.var(axis=1, ddof=1).mean() ** 0.5 == pytest.approx(widths.individual, rel=0.16)
     for seed in (2, 3):
         built = as_built(STAGE, seed=seed, widths=widths)
         assert thinner(built.manufactured) == pytest.approx(parts[seed])
