@@ -16,7 +16,7 @@ def short_repr(self: Any) -> str:
     --------
     >>> from flexstage.stage.designs import design
     >>> short_repr(design("parallelogram").bodies[0])
-    "Body(name='base', outline=<Loop>, mounting_holes=<2>, fixed=True)"
+    "Body(name='base', outline=<Loop>, mounting_holes=<2>, fixed=True, rigid=False)"
     """
     values = ((f.name, getattr(self, f.name)) for f in dataclasses.fields(self) if f.repr)
     text = ", ".join(f"{name}={_short(value)}" for name, value in values if not _empty(value))
