@@ -253,8 +253,10 @@ def stroke_path(
                 *(now + ahead * (now - old) for now, old in zip(leaves, before.leaves, strict=True))
             )
         states.append(_equilibrium(model, {drive: float(value)}, {}, q, leaves))
-    path = np.array([state.q for state in states])
-    leaves = LeafState(*(np.stack(x) for x in zip(*(s.leaves for s in states), strict=True)))
+    path = np.array([state.q for state in states]).reshape(-1, model.order)
+    leaves = model.leaves.at_rest((len(states),))
+    for k, state in enumerate(states):
+        leaves.p[k], leaves.force[k] = state.leaves
     reading = model.reading(probe, path)
     return StrokePath(
         drive=drive,

@@ -256,6 +256,7 @@ class Leaves:
 
     def _newton(self, state: LeafState, x: Array) -> LeafState | None:
         previous = np.full(x.shape[:-1], np.inf)
+        found = np.zeros(x.shape[:-1], dtype=bool)
         for _ in range(_ITERATIONS):
             step = self.tangent(state, x)
             after = step.after(np.zeros_like(x))
@@ -264,10 +265,11 @@ class Leaves:
             if not np.all(np.isfinite(size)):
                 return None
             state = after
-            done = (size <= _TOLERANCE * energy) | (
+            # each converges in a step of its own: the corrections of rounding after it do not count
+            found |= (size <= _TOLERANCE * energy) | (
                 (size <= _ROUNDING * energy) & (size >= 0.25 * previous)
             )
-            if np.all(done):
+            if np.all(found):
                 return state
             previous = size
         return None
