@@ -330,7 +330,8 @@ def lumped_buckling(
     stress, and within 2.5 % in plane strain (gantry 38, linked parallelogram 12). Between notches,
     and above about a quarter of Young's modulus over the largest stress, that model has no factor
     to compare with: it finds wrinkles of the surface of a neck, whose factor decreases as the mesh
-    is refined.
+    is refined. A factor does not hold where it stands for a mean stress of leaves above a tenth of
+    Young's modulus: a leaf in tension buckles as a beam that shears, at 5/6 of the shear modulus.
 
     Examples
     --------
