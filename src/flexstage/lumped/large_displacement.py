@@ -229,9 +229,10 @@ def stroke_path(
     Notes
     -----
     Validity: bodies are rigid; the arcs of lever and link mechanisms are exact, the sideways motion
-    that comes from bending of platforms is not in the model. Against
-    solids of a parallelogram of leaves (H. Su, B. Survey, 2026), moved by up to 0.3 of their length
-    by 418 loads, the travel is within 0.5 %, the motion across within 2 %, the rotation within 3 %.
+    that comes from bending of platforms is not in the model. Against solids of a parallelogram of
+    leaves (H. Su, B. Survey, 2026), under three series of loads with 26 of them that move it by
+    0.02 to 0.3 of its length, the travel is within 0.5 %, the motion across within 2 %, the
+    rotation within 3 %.
     """
     if isinstance(stage, Stage):
         stage = mechanism(stage)

@@ -256,7 +256,7 @@ class Leaves:
 
     def _newton(self, state: LeafState, x: Array) -> LeafState | None:
         previous = np.full(x.shape[:-1], np.inf)
-        found = np.zeros(x.shape[:-1], dtype=bool)
+        settled = np.zeros(x.shape[:-1], dtype=bool)
         for _ in range(_ITERATIONS):
             step = self.tangent(state, x)
             after = step.after(np.zeros_like(x))
@@ -266,10 +266,10 @@ class Leaves:
                 return None
             state = after
             # each converges in a step of its own: the corrections of rounding after it do not count
-            found |= (size <= _TOLERANCE * energy) | (
+            settled |= (size <= _TOLERANCE * energy) | (
                 (size <= _ROUNDING * energy) & (size >= 0.25 * previous)
             )
-            if np.all(found):
+            if np.all(settled):
                 return state
             previous = size
         return None
