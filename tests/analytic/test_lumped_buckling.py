@@ -99,6 +99,16 @@ def test_a_leaf_under_a_tall_block_is_a_column_with_a_rigid_end() -> None:
     assert load(column(LEAF, head)) == pytest.approx(EI * k**2, rel=1e-6)
 
 
+@pytest.mark.parametrize("method", ["wedge", "timoshenko"])
+def test_a_leaf_in_tension_buckles_where_shear_makes_it(method: str) -> None:
+    """A beam that shears does so at G A/1.2 (J. M. Kelly, J. Eng. Mech. 129 (2003) 1363)."""
+    stage = column(LEAF, 8.9e-3)
+    shear = MATERIAL.youngs_modulus / (2.0 * (1.0 + MATERIAL.poissons_ratio))
+    for plane in ("stress", "strain"):
+        factor = lumped_buckling(stage, {"press": -1.0}, method=method, plane=plane)  # type: ignore[arg-type]
+        assert factor == pytest.approx(shear * THICK * NECK / 1.2, rel=0.05)
+
+
 def test_two_leaves_far_apart_guide_their_block() -> None:
     """Between ends that stay parallel a column bears pi^2 E I/l^2."""
     euler = math.pi**2 * EI / LONG**2

@@ -99,6 +99,50 @@ def test_small_displacement_is_the_linear_solution() -> None:
     assert np.abs(found.q - linear.q).max() <= 1e-5 * np.abs(linear.q).max()
 
 
+@pytest.mark.parametrize("name", ["double-parallelogram", "compound-parallelogram", "gantry"])
+def test_loads_of_leaves_may_be_small(name: str) -> None:
+    """Leaves are thousands of times stiffer along than across; rounding must not count as load."""
+    stage = design(name)
+    axis = stage.axis("x")
+    linear = static_displacements(lumped_system(stage), {axis.drive: 1e-9})
+    force = linear.drive_force[axis.drive]
+    model = nonlinear(mechanism(stage))
+    path = stroke_path(model, axis.drive, axis.probe, [0.0, 1e-9])
+    assert path.drive_force[1] == pytest.approx(force, rel=1e-6)
+    for part in (1.0, 1e-3):
+        pushed = equilibrium(model, {}, forces={axis.drive: part * force})
+        assert np.abs(pushed.q / part - linear.q).max() <= 1e-6 * np.abs(linear.q).max()
+    # in the same proportion as a larger one
+    time = np.linspace(0.0, 1e-5, 3)
+    run = [
+        motion(model, time, drive_force={axis.drive: lambda _, f=size: f}).q[-1]
+        for size in (1e-6, 1e-2)
+    ]
+    assert np.abs(run[0] * 1e4 - run[1]).max() <= 1e-6 * np.abs(run[1]).max()
+
+
+def test_states_of_leaves_come_at_once_or_one_by_one() -> None:
+    """Each of a batch converges in a step of its own."""
+    model = nonlinear(mechanism(design("gantry")))
+    random = np.random.default_rng(0)
+    sizes_of_load = np.geomspace(1e-6, 1.0, 51)
+    load = random.standard_normal((model.order, 51)) * sizes_of_load
+    q = np.linalg.solve(model.tangent(np.zeros(model.order)), load).T
+    energy = model.potential_energy(q)
+    assert energy == pytest.approx([float(model.potential_energy(x)) for x in q], rel=1e-9)
+
+
+def test_path_without_displacements_is_empty() -> None:
+    for model in (nonlinear(parallelogram()), nonlinear(mechanism(design("double-parallelogram")))):
+        drive, probe = model.mechanism.drives[0].name, model.mechanism.probes[0].name
+        path = stroke_path(model, drive, probe, [])
+        assert path.q.shape == (0, model.order)
+        readings = (path.along, path.across, path.rotation, path.drive_force, path.drive_stiffness)
+        assert [x.shape for x in (*readings, *path.hinge_stress.values())] == [(0,)] * (
+            5 + len(path.hinge_stress)
+        )
+
+
 def test_parallelogram_moves_on_its_arc() -> None:
     # necks that are stiff but for rotation: a four-bar parallelogram of legs LEG. The platform
     # keeps its angle and sinks by LEG - sqrt(LEG^2 - d^2), about d^2/(2 LEG); the force is the

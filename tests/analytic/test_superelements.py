@@ -39,11 +39,13 @@ from flexstage.fem.necks import IN_PLANE, layered_stress, neck_points, neck_stre
 from flexstage.fem.substructure import Placed, Substructure, cut_free
 from flexstage.fem.superelement import SuperelementModel, superelement_model
 from flexstage.fem.whole_stage import plane_model, solid_model
-from flexstage.hinges import Leaf, Profile
+from flexstage.hinges import Leaf, Profile, compliance
+from flexstage.hinges.hinge_spring import ROOT_REACH
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.lumped import lumped_system
 from flexstage.quantities.material import Material, material
 from flexstage.stage import Body, Circle, Hinge, Loop, Probe, Screw, Stage, check
+from flexstage.stage.contour import root_reaches
 from flexstage.stage.designs import design
 from flexstage.studies.explore.deviations import Scatter
 from flexstage.studies.explore.manufactured_samples import process_of
@@ -782,6 +784,52 @@ def test_a_leg_with_a_corner() -> None:
         assert 1.0 / probe_stiffness(meshed, probe) == pytest.approx(expected, rel=1.2e-2)
     first = modes(plane_model(stage, plane="stress").system).frequency_hz[:3]
     np.testing.assert_allclose(modes(meshed).frequency_hz[:3], first, rtol=1e-3)
+
+
+def test_leaves_meet_in_the_middle_of_a_corner_and_not_in_a_strip() -> None:
+    stage = bent_leg(12e-3, 9e-3)
+    up, across = stage.hinges
+    assert root_reaches(stage, up) == pytest.approx((ROOT_REACH, 0.5))
+    assert root_reaches(stage, across) == pytest.approx((0.5, ROOT_REACH))
+    # of another thickness, the leaf around the corner has its middle elsewhere
+    corner = Loop(((-0.25e-3, 12e-3), (0.25e-3, 12e-3), (0.25e-3, 12.4e-3), (-0.25e-3, 12.4e-3)))
+    thin = Leaf(neck_thickness=0.4e-3, leaf_length=9e-3, notch_depth=0.0)
+    bodies = (stage.bodies[0], replace(stage.bodies[1], outline=corner), stage.bodies[2])
+    thinner = replace(across, at=(4.75e-3, 12.2e-3), profile=thin)
+    uneven = replace(stage, bodies=bodies, hinges=(up, thinner))
+    assert root_reaches(uneven, up)[1] == pytest.approx(0.4)
+    assert root_reaches(uneven, thinner)[0] == pytest.approx(0.625)
+    # a small step changes little
+    flat = probe_stiffness(lumped_system(stage), "x")
+    shallow = tuple(replace(h, profile=replace(h.profile, notch_depth=1e-9)) for h in stage.hinges)
+    stepped = lumped_system(replace(stage, hinges=shallow))
+    assert probe_stiffness(stepped, "x") == pytest.approx(flat, rel=1e-5)
+    # straight on, the body between two leaves is a strip as behind any other hinge
+    on = replace(across, at=(0.0, 18.5e-3), direction=0.5 * math.pi, profile=up.profile)
+    end = replace(stage.bodies[2], outline=Loop(((-5e-3, 0.0245), (5e-3, 0.0245), (0.0, 0.03))))
+    straight = replace(stage, bodies=(*stage.bodies[:2], end), hinges=(up, on))
+    assert root_reaches(straight, up) == (ROOT_REACH, ROOT_REACH)
+
+
+@pytest.mark.parametrize(("method", "error"), [("wedge", 1e-12), ("finite-element", 2e-3)])
+def test_a_leaf_that_reaches_into_corners_is_a_longer_beam(method: str, error: float) -> None:
+    t, length, nu = 0.5e-3, 9e-3, 0.33
+    leaf = Leaf(neck_thickness=t, leaf_length=length, notch_depth=0.0)
+    found = compliance(
+        leaf,
+        1.0,
+        nu,
+        1.0,
+        method=method,
+        plane="stress",
+        root_widths=(t, t),
+        root_reaches=(0.5, 0.7),
+    ).matrix
+    ends = 0.5 * length + np.array([0.5, 0.7]) * t
+    turn, sway = 12.0 * np.sum(ends) / t**3, 4.0 * np.sum(ends**3) / t**3
+    assert found[2, 2] == pytest.approx(turn, rel=error)
+    assert found[0, 0] == pytest.approx(np.sum(ends) / t, rel=error)
+    assert found[1, 1] == pytest.approx(sway + 2.4 * (1.0 + nu) * np.sum(ends) / t, rel=error)
 
 
 def test_a_leaf_on_wide_bodies_ends_as_they_do() -> None:

@@ -47,6 +47,7 @@ def compliance(
     plane: PlaneState | Literal["auto"] = "auto",
     root_widths: tuple[float, float] | None = None,
     bodies: tuple[tuple[float, float], tuple[float, float]] | None = None,
+    root_reaches: tuple[float, float] = (ROOT_REACH, ROOT_REACH),
 ) -> HingeCompliance:
     r"""Return the compliance of a notch about its neck.
 
@@ -76,6 +77,9 @@ def compliance(
     bodies : tuple of tuple, optional
         Young's modulus [Pa], infinite where rigid, and Poisson's ratio of each of them; those of
         the notch where not given.
+    root_reaches : tuple of float
+        How far the roots reach into the two bodies, in heights of the root [1]; bodies are rigid
+        beyond.
 
     Returns
     -------
@@ -117,7 +121,9 @@ def compliance(
                 "the method 'finite-element' has bodies of the hinge's own material: choose the "
                 "method 'wedge' where bodies are rigid or of another material"
             )
-        return condensed_compliance(profile, modulus, poisson, width, state, root_widths)
+        return condensed_compliance(
+            profile, modulus, poisson, width, state, root_widths, reach=root_reaches
+        )
     require_sizes(profile)
     of_bodies = bodies or ((modulus, poisson),) * 2
     with np.errstate(all="ignore"):
@@ -125,9 +131,11 @@ def compliance(
         c = _notch(profile, nu, method, soft) / (e * width)
     require_sizes(profile, sound=bool(np.all(np.isfinite(c)) and np.all(np.diag(c) > 0.0)))
     if root_widths is not None:
-        for side, root_width, elastic in zip((-1.0, 1.0), root_widths, of_bodies, strict=True):
+        for side, root_width, reach, elastic in zip(
+            (-1.0, 1.0), root_widths, root_reaches, of_bodies, strict=True
+        ):
             body_modulus, body_poisson = plane_moduli(*elastic, state)
-            c += _root(profile, body_poisson, root_width, side) / (body_modulus * width)
+            c += _root(profile, body_poisson, root_width, reach, side) / (body_modulus * width)
     c = 0.5 * (c + c.T)
     return HingeCompliance(matrix=c, method=method, plane=state)
 
@@ -186,7 +194,7 @@ def _notch(profile: Profile, nu: float, method: str, soft: Sequence[bool]) -> Ar
     return total
 
 
-def _root(profile: Profile, nu: float, root_width: float, side: float) -> Array:
+def _root(profile: Profile, nu: float, root_width: float, reach: float, side: float) -> Array:
     """Compliance of the body next to the notch, times E b.
 
     Stress spreads from the root height to the width of the body (the wedge of half angle pi/2),
@@ -196,9 +204,7 @@ def _root(profile: Profile, nu: float, root_width: float, side: float) -> Array:
     width = float(np.clip(root_width, height, ROOT_SPREAD * height))
     x0 = 0.5 * profile.length
     e = 0.5 * profile.depth if profile.one_sided else 0.0
-    # a strip that continues around a corner reaches to the middle of the corner
-    continues = not profile.depth and width < (1.0 + 1e-6) * height
-    c = strip_compliance((x0, x0 + (0.5 if continues else ROOT_REACH) * height), width, e, nu, side)
+    c = strip_compliance((x0, x0 + reach * height), width, e, nu, side)
     # fan: mm M^2/h^3 over dh/2 and N^2/(pi/2 h) over dh
     fan = _FAN / 4.0 * (1.0 / height**2 - 1.0 / width**2)
     moment = np.array([e, -side * x0, 1.0])

@@ -14,7 +14,12 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.hinges import HingeCompliance, Profile, compliance, stress_rows
-from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState, held_leaf_stiffening
+from flexstage.hinges.hinge_spring import (
+    PLANE_RULE,
+    ROOT_REACH,
+    PlaneState,
+    held_leaf_stiffening,
+)
 from flexstage.stage import (
     Drive,
     Hinge,
@@ -24,6 +29,7 @@ from flexstage.stage import (
     mass_properties,
     root_widths,
 )
+from flexstage.stage.contour import root_reaches
 from flexstage.system import Damping, MechanicalSystem
 from flexstage.system.mechanical import (
     DEFAULT_DAMPING,
@@ -107,6 +113,8 @@ class HingeSpring:
     """``stress`` or ``strain``."""
     root_widths: tuple[float, float] | None
     """Widths of the two bodies behind the roots [m]; None without the roots."""
+    root_reaches: tuple[float, float]
+    """How far the roots reach into the two bodies, in heights of the root [1]."""
     bodies: tuple[tuple[float, float], tuple[float, float]] | None
     """Young's modulus [Pa] and Poisson's ratio of them; None where they are those of the plate."""
 
@@ -125,10 +133,18 @@ def cached_compliance(
     plane: PlaneState | Literal["auto"],
     roots: tuple[float, float] | None,
     bodies: tuple[tuple[float, float], tuple[float, float]] | None = None,
+    reaches: tuple[float, float] = (ROOT_REACH, ROOT_REACH),
 ) -> HingeCompliance:
     """Return the compliance of a notch, of which a stage has dozens."""
     return compliance(
-        profile, *elastic, width, method=method, plane=plane, root_widths=roots, bodies=bodies
+        profile,
+        *elastic,
+        width,
+        method=method,
+        plane=plane,
+        root_widths=roots,
+        bodies=bodies,
+        root_reaches=reaches,
     )
 
 
@@ -184,11 +200,13 @@ def _springs(
     }
     springs = []
     for hinge in stage.hinges:
-        roots = root_widths(stage, hinge) if method in WITH_ROOTS else None
+        roots, reaches = None, (ROOT_REACH, ROOT_REACH)
+        if method in WITH_ROOTS:
+            roots, reaches = root_widths(stage, hinge), root_reaches(stage, hinge)
         a, b = (others.get(name, elastic) for name in hinge.bodies)
         bodies = None if a == b == elastic or roots is None else (a, b)
         notch = cached_compliance(
-            hinge.profile, elastic, stage.thickness, method, plane, roots, bodies
+            hinge.profile, elastic, stage.thickness, method, plane, roots, bodies, reaches
         )
         springs.append(
             HingeSpring(
@@ -197,6 +215,7 @@ def _springs(
                 method=method,
                 plane=notch.plane,
                 root_widths=roots,
+                root_reaches=reaches,
                 bodies=bodies,
             )
         )

@@ -133,13 +133,17 @@ class Connections:
         local = (q @ self.gather.T).reshape(*q.shape[:-1], self.count, 6)
         theta_a, theta_b = local[..., 2], local[..., 5]
         moved_a, moved_b = _turn_change(theta_a, self.arm_a), _turn_change(theta_b, self.arm_b)
-        d = local[..., 3:5] - local[..., 0:2] + moved_b - moved_a + self.gap
-        angle = self.direction + self.share_a * theta_a + (1.0 - self.share_a) * theta_b
+        moved = local[..., 3:5] - local[..., 0:2] + moved_b - moved_a
+        d = moved + self.gap
+        turn = self.share_a * theta_a + (1.0 - self.share_a) * theta_b
+        angle = self.direction + turn
         cos, sin = np.cos(angle), np.sin(angle)
         rotated = _into(cos, sin, d)
         cos0, sin0 = np.cos(self.direction), np.sin(self.direction)
         x = np.empty((*local.shape[:-1], 3))
-        x[..., :2] = rotated - _into(cos0, sin0, self.gap)
+        # the gap is much longer than what it changes by: a difference of both would leave 1e-17 m,
+        # which times the axial stiffness of a leaf is more than small loads are
+        x[..., :2] = _into(cos, sin, moved) + _turn_change(-turn, _into(cos0, sin0, self.gap))
         x[..., 2] = theta_b - theta_a
         turned = (
             _into(cos, sin, self.arm_a + moved_a),

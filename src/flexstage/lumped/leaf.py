@@ -256,6 +256,7 @@ class Leaves:
 
     def _newton(self, state: LeafState, x: Array) -> LeafState | None:
         previous = np.full(x.shape[:-1], np.inf)
+        settled = np.zeros(x.shape[:-1], dtype=bool)
         for _ in range(_ITERATIONS):
             step = self.tangent(state, x)
             after = step.after(np.zeros_like(x))
@@ -264,10 +265,11 @@ class Leaves:
             if not np.all(np.isfinite(size)):
                 return None
             state = after
-            done = (size <= _TOLERANCE * energy) | (
+            # each converges in a step of its own: the corrections of rounding after it do not count
+            settled |= (size <= _TOLERANCE * energy) | (
                 (size <= _ROUNDING * energy) & (size >= 0.25 * previous)
             )
-            if np.all(done):
+            if np.all(settled):
                 return state
             previous = size
         return None
@@ -395,17 +397,18 @@ def _alone(compliance: Array) -> float:
 def _roots(rest: Array, half: float) -> tuple[Array, Array]:
     """Return motions of the ends for the unknowns of the roots at a and b, each of shape (3, 3).
 
-    They share a compliance about the neck: each turns about a point on the axis, and is
-    compliant along and across at its end.
+    They share a compliance about the neck: each turns about a point on the axis, which may lie
+    within its body, and is compliant along at its end. It is compliant across only where neither
+    turns: a spring across, which turns with its body, makes a leaf in tension buckle.
     """
     u, v, m = np.maximum(np.diag(rest), 0.0)
-    centre = half if m == 0.0 else min(np.sqrt(v / m), max(half, abs(rest[1, 2]) / m))
+    centre = half if m == 0.0 else np.sqrt(v / m)
     apart = np.array([-1.0, 1.0]) / centre if centre > 0.0 else np.zeros(2)
     turns = np.maximum(0.5 * (m - apart * rest[1, 2]), 0.0)
     coupled = 0.5 * (rest[0, 2] - apart * rest[0, 1])
     leans = np.divide(coupled, turns, out=np.zeros(2), where=turns > 0.0)
     along = np.sqrt(max(0.5 * (u - np.sum(turns * leans**2)), 0.0))
-    across = np.sqrt(max(0.5 * (v - centre**2 * m), 0.0))
+    across = np.sqrt(0.5 * v) if m == 0.0 else 0.0
     offset = (half - centre, centre - half)
     a, b = (
         np.array([[along, 0.0, lean * size], [0.0, across, -arm * size], [0.0, 0.0, size]])

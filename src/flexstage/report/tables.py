@@ -298,7 +298,8 @@ def hinge_table(stage: Stage, springs: "Iterable[HingeSpring]") -> Table:
     groups = defaultdict(list)
     for spring in springs:
         roots = spring.root_widths
-        key = (spring.hinge.profile, spring.plane, roots and tuple(round(w, 9) for w in roots))
+        rounded = roots and tuple(round(w, 9) for w in roots + spring.root_reaches)
+        key = (spring.hinge.profile, spring.plane, rounded)
         groups[key].append(spring)
     lines = []
     for (profile, state, _), group in groups.items():

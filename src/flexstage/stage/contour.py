@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from flexstage.base.errors import StageError
+from flexstage.hinges.hinge_spring import ROOT_REACH
 from flexstage.hinges.profile import Profile, Vertex
 from flexstage.stage.curve import line_coordinates
 from flexstage.stage.model import Body, Hinge, Stage
@@ -90,6 +91,34 @@ def root_widths(stage: Stage, hinge: Hinge) -> tuple[float, float]:
         A root does not lie on its body.
     """
     return hinge_root(stage, hinge, 0).width, hinge_root(stage, hinge, 1).width
+
+
+def root_reaches(stage: Stage, hinge: Hinge) -> tuple[float, float]:
+    """Return how far the roots of a hinge reach into its two bodies, in heights of the root [1].
+
+    It is `flexstage.hinges.hinge_spring.ROOT_REACH`, but in a corner of a bent strip, a body whose
+    two adjacent edges are roots from end to end: the hinges on both meet in the middle of it.
+    """
+    return _root_reach(stage, hinge, 0), _root_reach(stage, hinge, 1)
+
+
+def _root_reach(stage: Stage, hinge: Hinge, which: int) -> float:
+    root = hinge_root(stage, hinge, which)
+    if not _fills(root):
+        return ROOT_REACH
+    for other in stage.hinges:
+        if other.name == hinge.name or root.body not in other.bodies:
+            continue
+        around = hinge_root(stage, other, other.bodies.index(root.body))
+        apart = min(math.dist(p, q) for p in root.edge for q in around.edge)
+        if _fills(around) and apart <= TOLERANCE:
+            return 0.5 * math.dist(*around.edge) / math.dist(*root.ends)
+    return ROOT_REACH
+
+
+def _fills(root: Root) -> bool:
+    """Return whether a root takes its whole edge."""
+    return math.dist(*root.edge) <= math.dist(*root.ends) + 2.0 * TOLERANCE
 
 
 # several hinges grow from a body

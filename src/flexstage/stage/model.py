@@ -63,7 +63,9 @@ class Body:
     material: Material | None = None
     """Material of its outline, bonded to its half notches; that of the plate where not given."""
     rigid: bool = False
-    """True if finite elements do not deform its outline, but by temperature."""
+    """True if its outline is deformed by temperature alone: in finite elements, and at the roots of
+    its hinges in the lumped model.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

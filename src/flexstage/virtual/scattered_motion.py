@@ -186,6 +186,7 @@ def _spring(stage: Stage, spring: HingeSpring) -> tuple[Array, Array]:
             plane=spring.plane,
             root_widths=spring.root_widths,
             bodies=spring.bodies,
+            root_reaches=spring.root_reaches,
         )
         k = np.zeros((6, 6))
         k[np.ix_(_IN_PLANE, _IN_PLANE)] = in_plane.stiffness

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexstage.base.arrays import Array
 from flexstage.base.errors import FlexstageError, ModelError
 from flexstage.hinges import Profile, compliance, stress_rows
-from flexstage.hinges.hinge_spring import PlaneState
+from flexstage.hinges.hinge_spring import ROOT_REACH, PlaneState
 from flexstage.hinges.registry import with_neck_radius, with_neck_thickness
 from flexstage.lumped import lumped_system
 from flexstage.lumped.assemble import HingeSpring, hinge_springs
@@ -89,6 +89,7 @@ def notch_table(
     neck: float,
     radius: float,
     method: str = "wedge",
+    root_reaches: tuple[float, float] = (ROOT_REACH, ROOT_REACH),
 ) -> NotchTable:
     """Return the table of a notch for deviations of neck and radius up to given ones [m].
 
@@ -117,7 +118,14 @@ def notch_table(
     def exact(dt: float, dr: float) -> Array:
         notch = with_neck_thickness(with_neck_radius(profile, dr), t + dt)
         spring = compliance(
-            notch, 1.0, poisson, 1.0, method=method, plane=plane, root_widths=root_widths
+            notch,
+            1.0,
+            poisson,
+            1.0,
+            method=method,
+            plane=plane,
+            root_widths=root_widths,
+            root_reaches=root_reaches,
         )
         rows = stress_rows(notch, 1.0, poisson, plane)
         return np.concatenate((spring.stiffness[_UPPER], rows.ravel(), notch.half_area_integrals()))
@@ -262,7 +270,9 @@ def process_of(stage: Stage, scatter: Scatter) -> Process:
     table_of = []
     for spring in hinge_springs(stage):
         profile, roots = spring.hinge.profile, spring.root_widths
-        rounded = None if roots is None else tuple(round(w, 12) for w in roots)  # [m]
+        rounded = (
+            None if roots is None else tuple(round(w, 12) for w in roots + spring.root_reaches)
+        )
         key = (profile, spring.plane, rounded)
         if key not in indices:
             indices[key] = len(tables)
@@ -297,6 +307,7 @@ def _table(stage: Stage, spring: HingeSpring, neck: float, radius: float) -> Not
         neck=neck,
         radius=radius,
         method=spring.method,
+        root_reaches=spring.root_reaches,
     )
 
 
