@@ -8,6 +8,7 @@ to 97 % required, *simulated*
 
 import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,9 +29,11 @@ from flexstage.lumped import lumped_system
 from flexstage.measure.update_parameters import UpdateParameter, stage_with
 from flexstage.measure.updating import UPDATABLE, predict, update_stage
 from flexstage.quantities.estimate import Component, Estimate
+from flexstage.quantities.material import material
 from flexstage.stage import check, mass_properties
 from flexstage.stage.designs import design
 from flexstage.system import ModalDamping, analyse
+from flexstage.virtual import as_built
 from tests.tiers import limits, sizes
 
 F = "natural_frequency_hz"
@@ -93,6 +96,31 @@ def test_a_stage_with_other_necks_is_a_sound_stage(name, by):
     assert not [f for f in check(other) if f.severity == "error"]
     assert other.material.youngs_modulus == 1.02 * stage.material.youngs_modulus
     assert stage_with(stage, [NECKS], {"necks": 1.0}) == stage
+
+
+def test_bodies_of_the_plate_follow_its_material_and_others_keep_theirs():
+    stage = design("parallelogram")
+    named = replace(stage, bodies=tuple(replace(b, material=stage.material) for b in stage.bodies))
+    assert named == stage
+    plain = replace(stage, bodies=tuple(replace(b, extra_masses=()) for b in named.bodies))
+    # a density is proportional to every mass
+    heavier = stage_with(plain, [DENSITY], {"density": 1.1})
+    for name, mass in mass_properties(plain).items():
+        assert mass_properties(heavier)[name].mass == pytest.approx(1.1 * mass.mass, rel=1e-12)
+
+    steel = material("Stainless steel 304")
+    others = tuple(b if b.fixed else replace(b, material=steel) for b in stage.bodies)
+    mixed = replace(stage, bodies=others)
+    names = [b.name for b in others if b.material]
+    for b in stage_with(mixed, [MODULUS], {"modulus": 1.1}).bodies:
+        assert b.material == (steel if b.name in names else None)
+    measured = {(F, "x"): seen(frequency(mixed) * 1.01, 0.1)}
+    found = update_stage(mixed, measured, parameters=[NECKS, MODULUS])
+    said = f"bodies of another material keep theirs ({', '.join(names)})"
+    assert found.values["modulus"].note.endswith(said)
+    assert "keep theirs" not in found.values["necks"].note
+    assert any(said in note for note in as_built(mixed, seed=1).notes)
+    assert not any("keep theirs" in note for note in as_built(stage, seed=1).notes)
 
 
 def test_patterns_choose_hinges_and_factors_come_before_offsets():

@@ -10,6 +10,8 @@ Evidence (Finite elements): rigid bodies on leaves (beam with shear) 0.4 %; a le
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import ngsolve as ng
 import numpy as np
@@ -21,6 +23,7 @@ from netgen.meshing import Element1D, Element2D, FaceDescriptor, Mesh, MeshPoint
 from flexstage.base.errors import HingeError, ModelError, StageError
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
+from flexstage.export.drawing.sheet import drawing_svg
 from flexstage.fem import mesh as plane_meshes
 from flexstage.fem.condensation import Condensed, PrescribedDisplacement, condensed_with_shapes
 from flexstage.fem.coupling import join, lowest
@@ -38,14 +41,15 @@ from flexstage.fem.model import StageModel
 from flexstage.fem.necks import IN_PLANE, layered_stress, neck_points, neck_stress
 from flexstage.fem.substructure import Placed, Substructure, cut_free
 from flexstage.fem.superelement import SuperelementModel, superelement_model
-from flexstage.fem.whole_stage import plane_model, solid_model
-from flexstage.hinges import Leaf, Profile, compliance
+from flexstage.fem.whole_stage import common_validity, plane_model, solid_model
+from flexstage.hinges import Leaf, Parabolic, Profile, compliance
 from flexstage.hinges.hinge_spring import ROOT_REACH
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.lumped import lumped_system
 from flexstage.quantities.material import Material, material
-from flexstage.stage import Body, Circle, Hinge, Loop, Probe, Screw, Stage, check
-from flexstage.stage.contour import root_reaches
+from flexstage.report.study import _provenance
+from flexstage.stage import Bench, Body, Circle, Hinge, Loop, Probe, Screw, Stage, check
+from flexstage.stage.contour import root_reaches, short_halves
 from flexstage.stage.designs import design
 from flexstage.studies.explore.deviations import Scatter
 from flexstage.studies.explore.manufactured_samples import process_of
@@ -706,6 +710,45 @@ def test_what_knows_no_other_bodies_says_so() -> None:
     system = superelement_model(stage, supports="elastic", cache=False).system
     assert any("platform: Stainless steel 304; half" in note for note in system.validity)
     assert "bodies expand differently" in why_no_drift(stage, system)
+
+
+def test_a_body_that_does_not_expand_omits_heat_alone() -> None:
+    unknown = replace(STEEL, thermal_expansion=None)
+    stage = replace(
+        leaf_guide(unknown), bench=Bench(base=11.5e-6, film_coefficient=6.0, base_change=1.0)
+    )
+    system = plane_model(stage, plane="stress").system
+    np.testing.assert_allclose(modes(system).frequency_hz[:3], _hertz(stage), rtol=1e-3)
+    assert all(body.thermal is None for body in system.bodies)
+
+
+def test_a_half_notch_that_ends_early_is_said() -> None:
+    # y = d (x / l)^2, whose slope 2 d x / l^2 is 5 at x / l = 5 l / (2 d)
+    steep = Parabolic(neck_thickness=0.5e-3, half_length=1e-3, notch_depth=4e-3)
+    expected = 5.0 * steep.half_length / (2.0 * steep.notch_depth)
+    guide = leaf_guide(rigid=True, profile=steep)
+    assert short_halves(guide) == pytest.approx({"left": expected, "right": expected}, abs=0.02)
+    early = [issue for issue in check(guide) if issue.code == "early-root"]
+    assert [issue.what for issue in early] == [("left",), ("right",)]
+    assert f"{100.0 * short_halves(guide)['left']:.0f} % of half" in early[0].message
+    said = [n for n in common_validity(guide, "") if "left from" in n and "right from" in n]
+    assert len(said) == 1
+    for stage in (leaf_guide(profile=steep), leaf_guide(rigid=True)):
+        assert not short_halves(stage)
+
+
+def test_the_drawing_refers_to_its_notes_for_materials() -> None:
+    drawn = drawing_svg(leaf_guide(STEEL)).decode()
+    assert "Al 7075-T6, see notes" in drawn
+    assert "platform: Stainless steel 304" in drawn
+    assert "see notes" not in drawing_svg(leaf_guide()).decode()
+
+
+def test_a_study_gives_the_source_of_every_material() -> None:
+    study: Any = SimpleNamespace(stage=leaf_guide(STEEL), analyses={}, read=())
+    (found,) = _provenance(study)
+    for m in (ALUMINIUM, STEEL):
+        assert f"{m.name}: {m.source}" in repr(found)
 
 
 def test_nothing_relates_to_an_expansion_of_nothing() -> None:

@@ -101,6 +101,10 @@ def test_commands_take_a_drawing_as_a_stage(
         (("import", "part.dxf", "--body", "0,40: gold"), "no material 'gold'"),
         (("import", "part.dxf", "--body", "900,0: rigid"), "--body names a body at"),
         (
+            ("import", "part.dxf", "--body", "0,40: rigid", "--body", "1,41: Invar 36"),
+            "'1,41: Invar 36' names a body twice",
+        ),
+        (
             ("import", "part.dxf", "--contours", "neck_limit=0.1 mm"),
             "0.1 mm: its thinnest place is",
         ),
@@ -173,6 +177,15 @@ def test_bodies_may_be_rigid_or_of_another_material(drawing: str) -> None:
     told = replace(told, body=("0,40: rigid",))
     (rigid,) = find_stage(drawing, drawing=told).other_bodies
     assert (rigid.name, rigid.material, rigid.rigid) == (steel.name, None, True)
+
+
+def test_import_says_which_bodies_are_others(
+    drawing: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = ("--body", "0,40: Invar 36, rigid")
+    assert run("import", drawing, *TOLD, *told, "--json") == 0
+    bodies = json.loads(capsys.readouterr().out)["bodies"]
+    assert {(b["material"], b["rigid"]) for b in bodies} == {("Invar 36", True), (None, False)}
 
 
 def test_a_solid_that_is_no_plate_is_refused(tmp_path: Path) -> None:

@@ -70,7 +70,14 @@ def _result(recognised: "DrawnStage", files: list[Path]) -> dict[str, Any]:
         "stage": stage.name,
         "unit": recognised.unit_name,
         "bodies": [
-            {"name": b.name, "fixed": b.fixed, "mounting_holes": len(b.mounting_holes)}
+            {
+                "name": b.name,
+                "fixed": b.fixed,
+                "mounting_holes": len(b.mounting_holes),
+                # none is that of the plate
+                "material": None if b.material is None else b.material.name,
+                "rigid": b.rigid,
+            }
             for b in stage.bodies
         ],
         "necks": [

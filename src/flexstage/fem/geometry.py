@@ -16,7 +16,7 @@ from flexstage.elasticity import face
 from flexstage.elasticity.shapes import METRE
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.checks import ON_BODY
-from flexstage.stage.contour import body_contour, inner_notch, share_to_root
+from flexstage.stage.contour import STRAINED, body_contour, inner_notch, share_to_root
 from flexstage.stage.curve import line_coordinates
 
 _SYNTAX = frozenset("^$\\.*+?()[]{}|")  # characters that mean something in an expression
@@ -75,16 +75,13 @@ def either(names: Iterable[str]) -> str:
 Point = tuple[float, float]
 _NEAR = 1e-9  # two points are one [m]
 
-#: Part of a notch, from the neck on, that can be in plane strain [1]. The remainder belongs to its
-#: body, unless that is of another material; it deforms little, and where a notch ends tangent to
-#: the edge of the body, a region that ended there would have a cusp.
-STRAINED = 0.8
-
 
 def notch_cuts(stage: Stage, hinge: Hinge, which: int) -> tuple[float, ...]:
     """Return where the regions of a half notch end, from the neck on, in half lengths [1].
 
-    There is a second one as far as the root where the body is of another material.
+    There is a second one as far as the root where the body is of another material or rigid. Where
+    the contour allows none so far (`flexstage.stage.contour.share_to_root`), the remainder is of
+    the body, and `flexstage.stage.check` warns of a region that ends before `STRAINED`.
     """
     if all(b.name != hinge.bodies[which] for b in stage.other_bodies):
         return (STRAINED,)

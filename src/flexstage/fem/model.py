@@ -248,7 +248,7 @@ def _uncoupled(
         bodies = {
             n: (p.centre, body_motion(continuum, stage, n, p.centre)) for n, p in masses.items()
         }
-        if heats(stage) and stage.material.thermal_expansion is not None:
+        if heats(stage) and stage.expands:
             for name in masses:
                 where = continuum.mesh.MaterialCF({body_regions(stage, name): 1.0}, default=0.0)
                 heated[name] = continuum.thermal(where)

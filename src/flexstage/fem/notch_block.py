@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexstage.base.arrays import Array
 from flexstage.elasticity import face
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.geometry import STRAINED, neck_edge, surface_edge
+from flexstage.fem.geometry import neck_edge, surface_edge
 from flexstage.fem.layered_plate import REFERENCE, LayeredPlate
 from flexstage.fem.mesh import MESHER, MeshSettings, face_mesh
 from flexstage.fem.necks import (
@@ -36,7 +36,7 @@ from flexstage.hinges import Profile
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.hinges.profile import CurvedProfile
 from flexstage.stage import Hinge
-from flexstage.stage.contour import half_notch, inner_notch
+from flexstage.stage.contour import STRAINED, half_notch, inner_notch
 
 _NAME, _BODY, _NOTCH, _CUT, _ROOT = "0", "body", "notch", "cut", "root"
 _NEAR = 1e-9  # two points are one [m]
@@ -259,7 +259,7 @@ def _shape(half: NotchBlock, size: float) -> TopoDS_Shape:
             bends += [0.0] * len(block)
     shape = face(points, bends)
     shape.name = _BODY
-    # as of a stage, see `flexstage.fem.geometry.STRAINED`
+    # as of a stage, see `flexstage.stage.contour.STRAINED`
     inner = inner_notch(hinge, 0, STRAINED)
     notch = face(inner.points, inner.bulges)
     notch.name = _NOTCH

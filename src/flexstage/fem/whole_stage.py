@@ -22,6 +22,7 @@ from flexstage.quantities.characteristic import Characteristics
 from flexstage.quantities.quantity import QUANTITIES
 from flexstage.stage import Stage
 from flexstage.stage.assumptions import DAMPING_RATIO
+from flexstage.stage.contour import short_halves
 from flexstage.system import Analysis, analyse
 from flexstage.system.characteristics import scatter_at_points
 
@@ -120,6 +121,8 @@ def common_validity(stage: Stage, supports_note: str) -> tuple[str, ...]:
         f"{', ...' if len(sharp) > 4 else ''}): the stress there is singular and its largest value "
         "depends on the mesh; corner-filleted leaves have a finite one.",
     )
+    early = ", ".join(f"{n} from {100.0 * s:.0f} %" for n, s in short_halves(stage).items())
+    steep = f"Of the length of a half notch the end is of its body, where that is another: {early}."
     return (
         f"Linear elasticity, small displacements; {supports_note or 'nothing is fixed'}.",
         "Natural frequencies belong to the bare stage, drives removed, unless labelled otherwise.",
@@ -127,6 +130,7 @@ def common_validity(stage: Stage, supports_note: str) -> tuple[str, ...]:
         "resonances.",
         *(corners if sharp else ()),
         *stage.material_notes,
+        *((steep,) if early else ()),
         *stage.own_notes,
     )
 

@@ -167,7 +167,7 @@ def stage_with(
     -------
     Stage
         The same bodies with these necks, masses, seats and this material; a damping ratio is no
-        part of a stage.
+        part of a stage, and a body of another material than the plate keeps its own.
 
     Raises
     ------

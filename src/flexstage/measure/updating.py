@@ -356,7 +356,7 @@ def update_stage(
     covariance, learned = posterior.covariance, posterior.learned
     sigma = problem.slopes(x)
     values = {
-        parameter.name: _estimate(parameter, float(x[i]), covariance, i)
+        parameter.name: _estimate(parameter, float(x[i]), covariance, i, stage.materials_note)
         for i, parameter in enumerate(parameters)
     }
     bounds: list[str] = []
@@ -489,7 +489,9 @@ def _bound(parameter: UpdateParameter, interval: tuple[float, float]) -> str:
     return f"{what}: all within its limits agrees with them"
 
 
-def _estimate(parameter: UpdateParameter, x: float, covariance: Array, i: int) -> Estimate:
+def _estimate(
+    parameter: UpdateParameter, x: float, covariance: Array, i: int, others: str
+) -> Estimate:
     # C = C (J'J) C + C C: the first part is the noise of the measurement, the second what was
     # known before
     before = float(covariance[i] @ covariance[i])
@@ -502,7 +504,12 @@ def _estimate(parameter: UpdateParameter, x: float, covariance: Array, i: int) -
             Component(name="measured", uncertainty=spread * math.sqrt(gain), kind="B"),
             Component(name="before", uncertainty=spread * math.sqrt(before), kind="B"),
         ),
-        note="most probable value, posterior spread",
+        note="most probable value, posterior spread"
+        + (
+            f"; {others}"
+            if others and parameter.kind in {"modulus_factor", "density_factor"}
+            else ""
+        ),
     )
 
 

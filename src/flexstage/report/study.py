@@ -258,8 +258,10 @@ def _provenance(study: Study) -> Iterator[Content]:
         entries[title] = "; ".join(values)
     if study.read:
         entries["read from the cache"] = ", ".join(study.read)
-    material = study.stage.material
-    yield Definitions(entries | {"material": f"{material.name}: {material.source}"})
+    stage = study.stage
+    every = (stage.material, *map(stage.material_of, stage.bodies))
+    sources = dict.fromkeys(f"{m.name}: {m.source}" for m in every)
+    yield Definitions(entries | {"material": "; ".join(sources)})
 
 
 #: The chapters in order, by id.

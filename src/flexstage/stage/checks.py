@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.base.errors import StageError
 from flexstage.quantities.characteristic import WHOLE_STAGE
-from flexstage.stage.contour import hinge_root
+from flexstage.stage.contour import hinge_root, short_halves
 from flexstage.stage.drive import Drive, Force
 from flexstage.stage.issue import Issue, millimetres
 from flexstage.stage.model import Body, Hinge, Stage
@@ -87,6 +87,17 @@ def check(stage: Stage) -> tuple[Issue, ...]:
                 (WHOLE_STAGE,),
                 f"the stage has a body of {largest:.4g} m: check the length_unit of the file, or "
                 "the units of its sizes",
+            )
+        )
+    for name, share in short_halves(stage).items():
+        issues.append(
+            _warning(
+                "early-root",
+                (name,),
+                f"the contour of hinge '{name}' is almost parallel to its root from "
+                f"{100.0 * share:.0f} % of half its length on, so that in finite elements what "
+                "remains is of its body, which is rigid or of another material: make the notch "
+                "longer or less deep",
             )
         )
     issues += _mechanism(stage)

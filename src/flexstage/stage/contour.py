@@ -273,6 +273,11 @@ def inner_notch(hinge: Hinge, which: int, share: float, start: float = 0.0) -> L
     return _from_neck(hinge, which, inner)
 
 
+#: Part of a notch, from the neck on, that can be in plane strain [1]. The remainder belongs to its
+#: body, unless that is of another material; it deforms little, and where a notch ends tangent to
+#: the edge of the body, a region that ended there would have a cusp.
+STRAINED = 0.8
+
 # contours that are steeper meet the straight line of the root at less than 12 degrees
 _STEEP = 5.0
 
@@ -302,6 +307,17 @@ def share_to_root(profile: Profile) -> float:
         if begin > b.x:
             break
     return end / contour[-1].x
+
+
+def short_halves(stage: Stage) -> dict[str, float]:
+    """Return hinges whose half notches end early in finite elements, and the share they have [1].
+
+    What remains up to the root is of their body, which is of another material than the plate or
+    rigid.
+    """
+    others = {body.name for body in stage.other_bodies}
+    shares = {h.name: share_to_root(h.profile) for h in stage.hinges if others & {*h.bodies}}
+    return {name: share for name, share in shares.items() if share < STRAINED}
 
 
 def _steep_from(a: Vertex, b: Vertex) -> float | None:

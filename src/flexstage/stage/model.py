@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal, TypeVar
 
 from flexstage.base.choose import did_you_mean
@@ -61,7 +61,9 @@ class Body:
     extra_masses: tuple[ExtraMass, ...] = ()
     """Masses mounted on it."""
     material: Material | None = None
-    """Material of its outline, bonded to its half notches; that of the plate where not given."""
+    """Material of its outline, bonded to its half notches; that of the plate where not given. In
+    finite elements it reaches into a notch that is almost parallel to its root before it ends.
+    """
     rigid: bool = False
     """True if its outline is deformed by temperature alone: in finite elements, and at the roots of
     its hinges in the lumped model.
@@ -290,6 +292,12 @@ class Stage:
         require_ranges(self, StageError, "a stage")
         if not self.bodies:
             raise StageError("a stage needs at least one body, got none")
+        if any(b.material == self.material for b in self.bodies):
+            # one way to say it, so that they keep to the plate where its material changes
+            plain = (
+                replace(b, material=None) if b.material == self.material else b for b in self.bodies
+            )
+            object.__setattr__(self, "bodies", tuple(plain))
         bodies = _unique("body", self.bodies)
         _unique("hinge", self.hinges)
         drives = _unique("drive", self.drives)
@@ -314,7 +322,13 @@ class Stage:
     @property
     def other_bodies(self) -> tuple[Body, ...]:
         """Bodies that are rigid or of another material than the plate."""
-        return tuple(b for b in self.bodies if b.rigid or b.material not in (None, self.material))
+        return tuple(b for b in self.bodies if b.rigid or b.material is not None)
+
+    @property
+    def materials_note(self) -> str:
+        """Which bodies keep their material where that of the plate changes; empty where none."""
+        names = ", ".join(b.name for b in self.bodies if b.material is not None)
+        return f"bodies of another material keep theirs ({names})" if names else ""
 
     @property
     def materials(self) -> str:

@@ -179,6 +179,8 @@ def as_built(
     moved = displacements(stage, process, seed=seed)
     published_rows = Characteristics(stage.published).select(origin="published-measured")
     notes = [f"virtual stage, seed {seed}: simulated with random deviations, not measured"]
+    if stage.materials_note:
+        notes.append(f"the modulus of the plate deviates, and {stage.materials_note}")
     published = published_rows if as_published else Characteristics()
     frequencies = {row.axis: row.value for row in published.select("natural_frequency_hz")}
     if frequencies:

@@ -170,7 +170,8 @@ class Scatter:
 def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:
     """Return one random stage from a process.
 
-    Outlines of bodies do not change: masses scatter by far less.
+    Outlines of bodies do not change: masses scatter by far less. The modulus is that of the plate,
+    and bodies of another material keep theirs.
 
     Examples
     --------

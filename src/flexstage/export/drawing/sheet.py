@@ -224,10 +224,11 @@ def _title_block(canvas: Canvas, frame: Box, stage: Stage, sheet: str, scale: fl
     width = _COLUMN + PAPER.gap
     left, top = frame.right - width, frame.bottom - _TITLE_HEIGHT
     half = 0.5 * width
+    material = stage.material.name + (", see notes" if stage.other_bodies else "")
     rows = [
         [("", stage.name)],
         [("", stage.title or "-")],
-        [("Material", stage.material.name), ("Thickness", f"{millimetres(stage.thickness)} mm")],
+        [("Material", material), ("Thickness", f"{millimetres(stage.thickness)} mm")],
         [("Scale", ratio(scale)), ("Sheet", sheet)],
         [("Units", "mm"), ("Software", f"flexstage {__version__}")],
     ]

@@ -243,6 +243,11 @@ def _named_bodies(
             )
         body_material = material(names[0]) if names else None
         n = _body_of_option(bodies, point, sheet, "body")
+        if n in others:
+            raise StageError(
+                f"'{option}' names a body twice, which another point lies on: give its material "
+                'and "rigid" with one point'
+            )
         others[n] = {"material": body_material, "rigid": "rigid" in words}
     renamed, number = [], 0
     for n, body in enumerate(bodies):
