@@ -166,7 +166,7 @@ def _misfit(ensemble: Ensemble) -> Iterator[str]:
     probability = ensemble.probability
     text = (
         f"chi-squared of given figures and dimensions {number(ensemble.chi_squared, 2)}, "
-        f"probability {number(probability, 2)}"
+        f"probability {'below 1e-6' if probability < 1e-6 else number(probability, 2)}"
     )
     contradicted = "; figures, form or what is known before contradict each other: doubt the ranges"
     yield text + contradicted * (probability < _UNLIKELY)
