@@ -66,15 +66,17 @@ def _observations(ensemble: Ensemble) -> Table:
 
 def _figures(ensemble: Ensemble, figures: tuple[FigureRow, ...]) -> Table:
     rows = []
+    compared = any(row.agreement is not None for row in figures)
     for row in figures:
         text = row.figure.display.text
-        measure = leaves = ""
+        measure = ""
         if row.kind == "predicted" and not row.zero:
             first = next(iter(ensemble.next(row.figure.name)), None)
             if first is not None and first.remaining < _WORTH:
                 measure = f"{first.name} to {first.noise_text}"
                 # Laplace's share says nothing of a range that the members gave
-                leaves = f"{100.0 * first.remaining:.0f} %" if row.by == "Laplace" else ""
+                if row.by == "Laplace":
+                    measure += f" leaves {100.0 * first.remaining:.0f} %"
         rows.append(
             (
                 row.figure.label,
@@ -87,7 +89,6 @@ def _figures(ensemble: Ensemble, figures: tuple[FigureRow, ...]) -> Table:
                 "" if row.zero else row.by,
                 "" if row.agreement is None else f"{row.agreement:.2f}",
                 measure,
-                leaves,
             )
         )
     columns = (
@@ -99,10 +100,9 @@ def _figures(ensemble: Ensemble, figures: tuple[FigureRow, ...]) -> Table:
         "95 % range from",
         "to",
         "spread left",
-        Column("by", "words"),
-        Column("members over Laplace", spare=True),
+        Column("by", "words", spare=True),
+        Column("members over Laplace" if compared else "", spare=True),
         Column("measure next", "long words"),
-        "leaves",
     )
     return table("figures: given, or predicted from them", columns, rows)
 
@@ -147,7 +147,7 @@ def ensemble_notes(ensemble: Ensemble) -> tuple[str, ...]:
         f"noise of a given figure: its own and that of the model, {100.0 * MODEL_ERROR:g} % and "
         f"{100.0 * STRESS_ERROR:g} % of a stress, none of mass and geometry; that of the model is "
         "in the range of a predicted figure",
-        *_misfit(ensemble),
+        *_residuals(ensemble),
         _members(ensemble),
     ]
     if len(ensemble.points) and (text := _agreement(ensemble)):
@@ -161,7 +161,7 @@ def ensemble_notes(ensemble: Ensemble) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _misfit(ensemble: Ensemble) -> Iterator[str]:
+def _residuals(ensemble: Ensemble) -> Iterator[str]:
     """Yield notes on what the most probable stage leaves of the given figures."""
     probability = ensemble.probability
     text = (
@@ -171,9 +171,9 @@ def _misfit(ensemble: Ensemble) -> Iterator[str]:
     contradicted = "; figures, form or what is known before contradict each other: doubt the ranges"
     yield text + contradicted * (probability < _UNLIKELY)
     missed = [
-        f"{o.figure.name} ({misfit:+.0f})"
-        for o, misfit in zip(ensemble.observations, ensemble.misfits.tolist(), strict=True)
-        if abs(misfit) > _MISSED
+        f"{o.figure.name} ({residual:+.0f})"
+        for o, residual in zip(ensemble.observations, ensemble.residuals.tolist(), strict=True)
+        if abs(residual) > _MISSED
     ]
     if missed:
         yield (

@@ -114,8 +114,8 @@ class Observation:
         """Standard deviation of value and model together, of the logarithm if that is normal."""
         error = model_error(self.figure)
         exact = not self.uncertainty and not error
-        own = noise_of(self.figure, self.value) if exact else self.uncertainty
-        both = math.hypot(own, error * self.value)
+        uncertainty = noise_of(self.figure, self.value) if exact else self.uncertainty
+        both = math.hypot(uncertainty, error * self.value)
         return both / self.value if self.logarithmic else both
 
 
@@ -403,23 +403,23 @@ class Ensemble(Result):
         return np.log(self.best / median) / np.array([d.sigma for d in self.dimensions])
 
     @property
-    def misfits(self) -> Array:
+    def residuals(self) -> Array:
         """Most probable stage less given figures, in standard deviations of these, shape (n,)."""
         at = [self.figures.index(o.figure) for o in self.observations]
         logarithmic = np.array([o.logarithmic for o in self.observations])
-        given = scaled(np.array([o.value for o in self.observations]), logarithmic)
+        values = scaled(np.array([o.value for o in self.observations]), logarithmic)
         spread = np.array([o.spread for o in self.observations])
-        misfits = (scaled(self.best_values[at], logarithmic) - given) / spread
-        return np.nan_to_num(misfits, nan=math.inf)
+        residuals = (scaled(self.best_values[at], logarithmic) - values) / spread
+        return np.nan_to_num(residuals, nan=math.inf)
 
     @property
     def chi_squared(self) -> float:
-        """Squares of `misfits` and of the coordinates of the most probable stage.
+        """Squares of `residuals` and of the coordinates of the most probable stage.
 
         Of the chi-squared distribution with as many degrees of freedom as there are given figures,
         where form and prior hold and the model is linear.
         """
-        return float((self.misfits**2).sum() + (self.best_coordinates**2).sum())
+        return float((self.residuals**2).sum() + (self.best_coordinates**2).sum())
 
     @property
     def probability(self) -> float:
@@ -436,10 +436,10 @@ class Ensemble(Result):
         rows = []
         for i in np.flatnonzero(self.varying).tolist():
             figure, middle = self.figures[i], float(self.middle[i])
-            given = figure in observed
+            kind: Kind = "given" if figure in observed else "predicted"
             ranges = _ranges(middle, float(spread[i]), of_members[:, i])
             error = model_error(figure) * (1.0 if self.logarithmic[i] else abs(middle))
-            ends = ranges.ends if given else _widened(ranges.ends, error)
+            ends = ranges.ends if kind == "given" else _widened(ranges.ends, error)
             if self.zeros[i]:
                 ends = (0.0, math.nan, math.nan)
             ends = unscaled(np.array(ends), self.logarithmic[i : i + 1])
@@ -447,7 +447,7 @@ class Ensemble(Result):
             rows.append(
                 FigureRow(
                     figure=figure,
-                    kind="given" if given else "predicted",
+                    kind=kind,
                     described=float(self.described[i]),
                     best=float(self.best_values[i]),
                     median=median,
@@ -540,9 +540,9 @@ class Ensemble(Result):
         usual = self._candidates() if candidates is None else dict(candidates)
         rows, noises, texts, names = [], [], [], []
         for name, noise in usual.items():
-            row, whole, text = self._candidate(name, noise)
+            row, total, text = self._candidate(name, noise)
             rows.append(row)
-            noises.append(whole)
+            noises.append(total)
             texts.append(text)
             names.append(name)
         if not self.varying[target]:
@@ -590,8 +590,8 @@ class Ensemble(Result):
         i = self.figures.index(figure)
         value = float(unscaled(self.middle[i : i + 1], self.logarithmic[i : i + 1])[0])
         text = _noise_text(noise, figure.display.factor, figure.display.shown_unit)
-        whole = math.hypot(noise, model_error(figure) * value)
-        return self.rows[i], whole / value if self.logarithmic[i] else whole, text
+        total = math.hypot(noise, model_error(figure) * value)
+        return self.rows[i], total / value if self.logarithmic[i] else total, text
 
     @property
     def text(self) -> str:
@@ -619,9 +619,9 @@ class Ensemble(Result):
                 {
                     **picked(o, "figure=figure.name", "unit=figure.display.unit"),
                     **picked(o, "value", "uncertainty", "spread", "logarithmic"),
-                    "misfit": misfit,
+                    "residual": residual,
                 }
-                for o, misfit in zip(self.observations, plain(self.misfits), strict=True)
+                for o, residual in zip(self.observations, plain(self.residuals), strict=True)
             ],
             "figures": [
                 {
