@@ -4,7 +4,7 @@ Evidence (Stages, tolerances, designs): spread after one more measurement, as pr
 another fit (integration): 1e-4
 
 Evidence (Coverage of 95 % intervals): dimensions and figures of a reconstructed bridge, 200 hidden
-ones: 93 to 98 % required, *simulated*
+ones by the lumped model: 93 to 97 % required, *simulated*
 """
 
 import math
@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, chi2
 
 from flexstage.base.errors import ModelError
 from flexstage.measure.posterior import Posterior, most_probable
@@ -366,39 +366,36 @@ def test_laplace_says_nothing_of_ranges_of_members():
         assert ("leaves" not in cells[-1]) == blank
 
 
-def covered(count: int, seed: int, model: str, members: int) -> np.ndarray:
-    """Return whether each range of each case has the truth, shape (count, 10)."""
-    held = [case.held() for case in cases(count, seed=seed, model=model, members=members)]
-    return np.array([list(of.values()) for of in held])
-
-
-def test_three_hidden_bridges_are_within_their_ranges():
-    held = covered(3, 7, "lumped", 0)
-    assert held.sum(axis=0).min() >= binom.ppf(0.00135, 3, 0.95)
-    assert held.mean() >= 0.8
-
-
-@pytest.mark.parametrize(
-    ("count", "members"),
-    [*sizes(slow=(12, 0), evidence=(200, 60))],
-)
-def test_as_many_hidden_bridges_are_within_their_ranges_as_stated(count, members):
-    held = covered(count, 11, "lumped", members)
-    # five dimensions of a bridge are independent, and its ten ranges follow from them
+def require_stated_coverage(count: int, seed: int, model: str, members: int) -> None:
+    """Require hidden bridges to be as far from what was found, and as often within, as stated."""
+    found_again = list(cases(count, seed=seed, model=model, members=members))
+    held = np.array([list(case.held().values()) for case in found_again])
+    # the ten ranges of a bridge follow from its five dimensions, which are independent before
     independent = 5 * count
     low, high = binom.ppf([0.00135, 0.99865], independent, 0.95) / independent
     assert low <= held.mean() <= high
-    low, high = binom.ppf([0.00135, 0.99865], count, 0.95)
-    assert held.sum(axis=0).min() >= low
-    assert held.sum(axis=0).mean() <= high
+    assert held.sum(axis=0).min() >= binom.ppf(0.00135, count, 0.95)
+    # in units of the spread that is left; ranges that are too wide fail this even for few bridges
+    squares = 0.0
+    for case in found_again:
+        apart = case.coordinates - case.ensemble.coordinates
+        squares += float(apart @ np.linalg.solve(case.ensemble.posterior.covariance, apart))
+    low, high = chi2.ppf([0.00135, 0.99865], independent)
+    assert low < squares < high
+
+
+def test_three_hidden_bridges_are_as_far_as_stated():
+    require_stated_coverage(3, 7, "lumped", 0)
+
+
+@pytest.mark.parametrize(("count", "members"), sizes(slow=(12, 40), evidence=(200, 60)))
+def test_as_many_hidden_bridges_are_within_their_ranges_as_stated(count, members):
+    require_stated_coverage(count, 7, "lumped", members)
 
 
 @pytest.mark.parametrize("count", sizes(slow=(3,), evidence=(40,)))
 def test_hidden_bridges_of_finite_elements_are_within_their_ranges(count):
-    held = covered(count, 12, "superelement", 0)
-    assert held.sum(axis=0).min() >= binom.ppf(0.00135, count, 0.95)
-    # the ten ranges of a bridge go together: they count as one
-    assert held.mean() > 0.95 - 3.0 * math.sqrt(0.05 * 0.95 / count)
+    require_stated_coverage(count, 12, "superelement", 0)
 
 
 @pytest.mark.parametrize(
