@@ -1,5 +1,6 @@
 """Stages whose dimensions are hidden, and found again from a few of their figures."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -79,6 +80,12 @@ def cases(count: int, *, seed: int, model: str = "lumped", members: int = 0) -> 
             zip(figures, evaluate(family, point[None], figures, model).values[0], strict=True)
         )
         true = np.array([truth[figure] for figure in GIVEN])
+        # the model errs in other figures too
+        truth |= {
+            figure: value * math.exp(model_error(figure) * generator.standard_normal())
+            for figure, value in truth.items()
+            if figure not in GIVEN
+        }
         seen = true * np.exp(noise * generator.standard_normal(len(GIVEN)))
         given = [Observation(figure=f, value=v) for f, v in zip(GIVEN, seen.tolist(), strict=True)]
         found = reconstruct(template, given, dimensions, model=model, members=members, seed=seed)

@@ -35,18 +35,24 @@ def test_members_are_stages_of_other_commands(run, tmp_path):
     status, out, _ = run(*WORDS, "--members", "3", "--folder", "out")
     assert status == 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    members = {f"member-{k}.yaml" for k in (1, 2, 3)}
+    members = {f"member-{k:03}.yaml" for k in (1, 2, 3)}
     assert names == {*members, "best.yaml", "reconstruct.json", "ranges.svg"}
-    assert "wrote out/member-1.yaml to out/member-3.yaml" in out
+    assert "wrote out/member-001.yaml to out/member-003.yaml" in out
     result = json.loads((tmp_path / "out" / "reconstruct.json").read_text())
-    words = "analyse", "out/member-2.yaml", "--model", "lumped", "--json", "--quiet"
+    words = "analyse", "out/member-002.yaml", "--model", "lumped", "--json", "--quiet"
     rows = json.loads(run(*words)[1])["characteristics"]
     single = {(row["quantity"], row["axis"]): row["value"] for row in rows}
     promised = result["members"][1]["figures"]["natural_frequency.x"]
     assert single["natural_frequency_hz", "x"] == pytest.approx(promised, rel=1e-9)
     assert run("check", "out/best.yaml")[0] == 0
     few = ("--samples", "20", "--model", "lumped", "--quiet", "--workers", "1")
-    assert run("tolerance", "out/member-3.yaml", *few)[0] == 0
+    assert run("tolerance", "out/member-003.yaml", *few)[0] == 0
+    # a new run removes the members of this one, and no other file
+    for name in ("member-0007.yaml", "member-mine.yaml"):
+        (tmp_path / "out" / name).write_text("")
+    assert run(*WORDS, "--members", "1", "--folder", "out")[0] == 0
+    names = {path.name for path in (tmp_path / "out").glob("*.yaml")}
+    assert names == {"member-001.yaml", "member-mine.yaml", "best.yaml"}
 
 
 def test_tables_say_what_is_given_predicted_and_worth_a_measurement(run):
@@ -59,7 +65,9 @@ def test_tables_say_what_is_given_predicted_and_worth_a_measurement(run):
     )
     # 2 Hz and 0.5 % of the model
     assert "2.2" in frequency.split()
+    assert "spread left" in " ".join(out.split())
     mass = next(line for line in lines if line.startswith("Mass without drives"))
+    assert "100 %" in mass
     assert "predicted" in mass
     assert "thickness to" in mass
     assert "1 given figures inform" not in out

@@ -33,12 +33,13 @@ def reconstruct(
 
     Many stages have the same few figures. The output gives the range of every figure and dimension
     over the stages that agree with the given ones, and the measurement that would narrow it most.
+    Ctrl-C ends the members, and the output is that of those so far.
 
     Parameters
     ----------
     folder
         Write each member as member-N.yaml, the most probable stage as best.yaml, reconstruct.json
-        and a picture.
+        and a picture; members of an earlier run are removed.
     figure
         Draw the range of every figure (.svg, .png or .pdf).
     """
@@ -49,7 +50,11 @@ def reconstruct(
     run = ready_reconstruct(request, options.template(stage))
     with progress_bar("reconstruct", quiet=quiet), sharing.open() as workers:
         ensemble = run(workers)
+    earlier = _members_in(folder)
     files = write_folder(folder, lambda: ensemble_files(ensemble))
+    for path in earlier:
+        if path not in files:
+            path.unlink(missing_ok=True)
     files += write_picture(figure, ensemble.plot)
     if json:
         print_result(ensemble.to_dict(), files)
@@ -58,6 +63,13 @@ def reconstruct(
     for table in ensemble_tables(ensemble):
         display_table(screen, table)
     print_notes(screen, ensemble_notes(ensemble), _listed(files))
+
+
+def _members_in(folder: Path | None) -> list[Path]:
+    """Return the members of an earlier run in a folder."""
+    if folder is None or not (folder / "reconstruct.json").exists():
+        return []
+    return [p for p in folder.glob("member-*.yaml") if p.stem.removeprefix("member-").isdigit()]
 
 
 def _listed(files: list[Path]) -> list[str]:

@@ -6,17 +6,24 @@ from collections.abc import Iterator
 from flexstage.quantities.quantity import number
 from flexstage.quantities.table import Column, Table, table
 from flexstage.studies.explore.ensemble import (
-    DISAGREEMENT,
+    FEWEST_MEMBERS,
     MODEL_ERROR,
     STRESS_ERROR,
     Ensemble,
     FigureRow,
+    disagreement,
 )
 
-#: Part of the spread above which a further measurement is not worth its name [1].
+#: Part of the spread above which a further measurement is not named [1].
 _WORTH = 0.95
 #: Dimensions that keep more of their spread are named in a note.
 _INFORMED = 0.95
+#: Standard deviations beyond which a given figure is missed.
+_MISSED = 3.0
+#: Probability of a chi-squared below which given figures contradict form or prior [1].
+_UNLIKELY = 0.01
+#: Distance of the most probable stage from that without limits, in standard deviations before.
+_LIMITED = 0.05
 
 
 def ensemble_tables(ensemble: Ensemble) -> Iterator[Table]:
@@ -59,25 +66,29 @@ def _observations(ensemble: Ensemble) -> Table:
 
 def _figures(ensemble: Ensemble, figures: tuple[FigureRow, ...]) -> Table:
     rows = []
+    compared = any(row.agreement is not None for row in figures)
     for row in figures:
         text = row.figure.display.text
-        first = next(iter(ensemble.next(row.figure.name)), None)
         measure = ""
-        if row.kind == "predicted" and first is not None and first.remaining < _WORTH:
-            measure = f"{first.name} to {first.noise_text}"
+        if row.kind == "predicted" and not row.zero:
+            first = next(iter(ensemble.next(row.figure.name)), None)
+            if first is not None and first.remaining < _WORTH:
+                measure = f"{first.name} to {first.noise_text}"
+                # Laplace's share says nothing of a range that the members gave
+                if row.by == "Laplace":
+                    measure += f" leaves {100.0 * first.remaining:.0f} %"
         rows.append(
             (
                 row.figure.label,
                 row.figure.display.shown_unit,
                 row.kind,
-                text(row.described),
+                text(0.0 if row.zero else row.described),
                 text(row.median),
-                text(row.low),
-                text(row.high),
-                row.by,
+                *(("", "") if row.zero else (text(row.low), text(row.high))),
+                "" if row.zero else f"{100.0 * row.remaining:.0f} %",
+                "" if row.zero else row.by,
                 "" if row.agreement is None else f"{row.agreement:.2f}",
                 measure,
-                f"{100.0 * first.remaining:.0f} %" if measure and first is not None else "",
             )
         )
     columns = (
@@ -88,10 +99,10 @@ def _figures(ensemble: Ensemble, figures: tuple[FigureRow, ...]) -> Table:
         "median",
         "95 % range from",
         "to",
-        Column("by", "words"),
-        Column("members over Laplace", spare=True),
+        "spread left",
+        Column("by", "words", spare=True),
+        Column("members over Laplace" if compared else "", spare=True),
         Column("measure next", "long words"),
-        "leaves",
     )
     return table("figures: given, or predicted from them", columns, rows)
 
@@ -134,13 +145,47 @@ def ensemble_notes(ensemble: Ensemble) -> tuple[str, ...]:
         "before: each dimension is log-normal about its value, independent of the others, in a "
         "stage of this form; limits of the geometry count in the members alone",
         f"noise of a given figure: its own and that of the model, {100.0 * MODEL_ERROR:g} % and "
-        f"{100.0 * STRESS_ERROR:g} % of a stress",
+        f"{100.0 * STRESS_ERROR:g} % of a stress, none of mass and geometry; that of the model is "
+        "in the range of a predicted figure",
+        *_residuals(ensemble),
         _members(ensemble),
     ]
-    if len(ensemble.points) and (text := _agreement(ensemble.figure_rows())):
+    if len(ensemble.points) and (text := _agreement(ensemble)):
         notes.append(text)
     notes.append(f"figures by the {ensemble.model} model")
+    if ensemble.model == "lumped":
+        notes.append(
+            "ranges leave out what rigid bodies leave out: output stiffness and sag by tens of per "
+            "cent"
+        )
     return tuple(notes)
+
+
+def _residuals(ensemble: Ensemble) -> Iterator[str]:
+    """Yield notes on what the most probable stage leaves of the given figures."""
+    probability = ensemble.probability
+    text = (
+        f"chi-squared of given figures and dimensions {number(ensemble.chi_squared, 2)}, "
+        f"probability {'below 1e-6' if probability < 1e-6 else number(probability, 2)}"
+    )
+    contradicted = "; figures, form or what is known before contradict each other: doubt the ranges"
+    yield text + contradicted * (probability < _UNLIKELY)
+    missed = [
+        f"{o.figure.name} ({residual:+.0f})"
+        for o, residual in zip(ensemble.observations, ensemble.residuals.tolist(), strict=True)
+        if abs(residual) > _MISSED
+    ]
+    if missed:
+        yield (
+            f"the most probable stage misses {', '.join(missed)}: more than {_MISSED:g} standard "
+            "deviations"
+        )
+    apart = ensemble.coordinates - ensemble.best_coordinates
+    if math.sqrt(float(apart @ apart)) > _LIMITED:
+        yield (
+            "limits of the geometry keep the most probable stage from the given figures; Laplace's "
+            "ranges do not know them"
+        )
 
 
 def _members(ensemble: Ensemble) -> str:
@@ -151,20 +196,30 @@ def _members(ensemble: Ensemble) -> str:
     refused = ensemble.refused
     text += (
         f"; {count} of {requested} members in {ensemble.seconds['members']:.0f} s; "
-        f"{refused['impossible']} draws were no stage, and {refused['off']} were too far from the "
-        "given figures by finite elements"
+        f"{refused['impossible']} draws could not be built, and {refused['off']} were too far from "
+        "the given figures by finite elements"
     )
-    return text if count >= requested else f"{text}; --time gives more"
+    if ensemble.stopped == "time":
+        return f"{text}; --time gives more"
+    if ensemble.stopped == "interrupted":
+        return f"{text}; interrupted"
+    if count < requested:
+        off = refused["off"] > refused["impossible"]
+        reason = "the given figures" if off else "the limits of the geometry"
+        return f"{text}; {reason} refuse more"
+    return text
 
 
-def _agreement(rows: tuple[FigureRow, ...]) -> str:
+def _agreement(ensemble: Ensemble) -> str:
+    rows = [row for row in ensemble.figure_rows() if not row.zero]
     ratios = [row.agreement for row in rows if row.agreement is not None]
     if not ratios:
-        return "too few members to compare with Laplace's approximation"
+        return f"a comparison with Laplace's approximation needs {FEWEST_MEMBERS} members"
     geometric = math.exp(sum(math.log(r) for r in ratios) / len(ratios))
+    limit = disagreement(len(ensemble.points))
     replaced = sum(row.by == "ensemble" for row in rows)
     return (
         f"standard deviation of the members over Laplace's: {geometric:.2f} in the mean of "
         f"{len(ratios)} figures, {min(ratios):.2f} to {max(ratios):.2f}; where it or the median "
-        f"differs by more than {100.0 * DISAGREEMENT:.0f} % ({replaced} figures), the members count"
+        f"differs by more than {100.0 * limit:.0f} % ({replaced} figures), the members count"
     )

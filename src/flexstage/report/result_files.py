@@ -113,13 +113,12 @@ def _optimum_pictures(optimum: Optimum) -> Files:
 
 def ensemble_files(ensemble: Ensemble) -> Files:
     """Return the files of an ensemble: the stage file of each member, the result and a picture."""
-    digits = len(str(len(ensemble.points)))
     return {
         "reconstruct.json": json_text(ensemble.to_dict()).encode(),
         "ranges.svg": encode(ensemble.plot(), "svg"),
         "best.yaml": ensemble.text.encode(),
     } | {
-        f"member-{k + 1:0{digits}}.yaml": ensemble.member_text(k).encode()
+        f"member-{k + 1:03}.yaml": ensemble.member_text(k).encode()
         for k in range(len(ensemble.points))
     }
 

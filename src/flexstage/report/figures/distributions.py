@@ -208,7 +208,7 @@ def _histogram(axes: "Axes", spread: Spread, requirement: Requirement | None) ->
 
 def draw_ranges(ensemble: Ensemble) -> "Figure":
     """Draw the 95 % range of every figure, and its members, in per cent of the described stage."""
-    rows = [row for row in ensemble.figure_rows() if row.described]
+    rows = [row for row in ensemble.figure_rows() if row.described and not row.zero]
     rows.sort(key=lambda row: row.kind == "predicted")
     figure, axes = one_panel(_WIDTH, 1.2 + 0.24 * len(rows), grid=False)
     at = np.arange(len(rows))[::-1]

@@ -27,6 +27,19 @@ MODEL_ERROR = 5e-3
 #: The same of a stress, and of safety factors that follow from it [1].
 STRESS_ERROR = 1e-2
 _STRESS = ("max_stress", "safety_factor", "fatigue_safety")
+# what follows from the drawing alone, without a mesh
+_EXACT = (
+    "input_displacement",
+    "mass",
+    "moving_mass",
+    "width",
+    "height",
+    "thickness",
+    "smallest_neck",
+    "smallest_slot",
+    "smallest_wall",
+    "output_wall",
+)
 #: Assumed noise of a further measurement: a caliper [m], an autocollimator [rad], a capacitive
 #: sensor of 10 nm over a stroke of 0.1 mm [1] and over one kelvin [m/K].
 CALIPER, AUTOCOLLIMATOR, ACROSS, DRIFT = 1e-4, 1e-6, 1e-4, 1e-8
@@ -51,11 +64,19 @@ _NORMAL = 1.959963984540054
 #: Difference of standard deviations or medians, over Laplace's standard deviation, beyond which the
 #: ensemble replaces Laplace's approximation [1].
 DISAGREEMENT = 0.3
-#: Fewest members whose standard deviation counts: it is known to 16 %.
-FEWEST_MEMBERS = 20
+#: The same in sampling errors, which 1.25/sqrt(n) is for the median of n members: chance exceeds it
+#: in some 1 % of figures.
+CHANCE = 2.5
+#: Fewest members whose standard deviation counts: it is known to 11 %.
+FEWEST_MEMBERS = 40
+#: Part of the assumed noise of a measurement below which a figure that an ideal stage does not have
+#: is due to the mesh: symmetric bridges turn by up to 0.05 of it.
+_MESH = 0.1
 
 Kind = Literal["given", "predicted"]
 Origin = Literal["Laplace", "ensemble"]
+#: What ended the members early: nothing, the time, refused draws, or Ctrl-C.
+Stop = Literal["", "time", "draws", "interrupted"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +88,9 @@ class Observation:
     value: float
     """Its value, in the unit of the figure."""
     uncertainty: float = 0.0
-    """Standard uncertainty of the value, in its unit; that of the model is added."""
+    """Standard uncertainty of the value, in its unit; that of the model is added. One of 0 is that
+    of `noise_of` for a figure without an error of the model, such as the mass.
+    """
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.value) and 0.0 <= self.uncertainty < math.inf):
@@ -89,7 +112,10 @@ class Observation:
     @property
     def spread(self) -> float:
         """Standard deviation of value and model together, of the logarithm if that is normal."""
-        both = math.hypot(self.uncertainty, model_error(self.figure) * self.value)
+        error = model_error(self.figure)
+        exact = not self.uncertainty and not error
+        uncertainty = noise_of(self.figure, self.value) if exact else self.uncertainty
+        both = math.hypot(uncertainty, error * self.value)
         return both / self.value if self.logarithmic else both
 
 
@@ -128,7 +154,7 @@ class NextMeasurement:
     name: str
     """Name of the measured figure or dimension."""
     noise: float
-    """Standard uncertainty of the measurement, in its unit."""
+    """Standard uncertainty of the measurement, in its unit, without that of the model."""
     noise_text: str
     """The same with its unit."""
     remaining: float
@@ -150,9 +176,11 @@ class FigureRow:
     median: float
     """Median."""
     low: float
-    """Lower end of the 95 % range."""
+    """Lower end of the 95 % range, of a predicted figure with the error of the model; NaN for one
+    that is zero but for the mesh.
+    """
     high: float
-    """Upper end of the 95 % range."""
+    """Upper end of the 95 % range, likewise."""
     by: Origin
     """Origin of median and range."""
     before: float
@@ -161,6 +189,17 @@ class FigureRow:
     """Standard deviation by Laplace's approximation, likewise."""
     ensemble: float | None
     """Standard deviation of the members, likewise; None with few members."""
+
+    @property
+    def zero(self) -> bool:
+        """True for a figure that is zero but for the mesh, which has no range."""
+        return math.isnan(self.low)
+
+    @property
+    def remaining(self) -> float:
+        """Standard deviation after over that before, by the origin of the range [1]."""
+        after = self.laplace if self.ensemble is None or self.by == "Laplace" else self.ensemble
+        return after / self.before
 
     @property
     def agreement(self) -> float | None:
@@ -214,14 +253,34 @@ def _ranges(middle: float, spread: float, of_members: Array) -> _Ranges:
     # by positions p (n + 1), so that of few members as many further ones are within as of many
     quantiles = np.quantile(members, [0.5, 0.025, 0.975], method="weibull")
     median, low, high = quantiles.tolist()
-    wide = abs(deviation - spread) > DISAGREEMENT * spread
-    if wide or abs(median - middle) > DISAGREEMENT * spread:
+    limit = disagreement(len(members)) * spread
+    if abs(deviation - spread) > limit or abs(median - middle) > limit:
         return _Ranges(ends=(median, low, high), by="ensemble", ensemble=deviation)
     return _Ranges(ends=ends, by="Laplace", ensemble=deviation)
 
 
+def disagreement(members: int) -> float:
+    """Return the difference beyond which so many members replace Laplace's approximation [1].
+
+    Examples
+    --------
+    >>> disagreement(400), round(disagreement(40), 2)
+    (0.3, 0.49)
+    """
+    return max(DISAGREEMENT, CHANCE * 1.25 / math.sqrt(members))
+
+
+def _widened(ends: tuple[float, float, float], error: float) -> tuple[float, float, float]:
+    """Return median and ends of a range with a further standard error of the figure."""
+    median, low, high = ends
+    more = _NORMAL * error
+    return median, median - math.hypot(median - low, more), median + math.hypot(high - median, more)
+
+
 def model_error(figure: Figure) -> float:
-    """Return the relative error of a superelement model by its mesh [1]."""
+    """Return the relative error of a superelement model by its mesh [1]; 0 without a mesh."""
+    if figure.quantity in _EXACT:
+        return 0.0
     return STRESS_ERROR if figure.quantity in _STRESS else MODEL_ERROR
 
 
@@ -296,6 +355,8 @@ class Ensemble(Result):
     """Number of members that were asked for."""
     seed: int
     """Random seed."""
+    stopped: Stop
+    """Reason for fewer members than asked for."""
     refused: Mapping[str, int]
     """Refused draws: ``impossible`` ones, and those ``off`` the given figures by the model."""
     seconds: Mapping[str, float]
@@ -332,6 +393,41 @@ class Ensemble(Result):
         """Number of directions of the dimensions that the given figures inform."""
         return self.posterior.informed
 
+    @property
+    def best_coordinates(self) -> Array:
+        """Coordinates of the most probable stage, shape (p,).
+
+        Limits of the geometry set them apart from `coordinates`, which do not know them.
+        """
+        median = np.array([d.median for d in self.dimensions])
+        return np.log(self.best / median) / np.array([d.sigma for d in self.dimensions])
+
+    @property
+    def residuals(self) -> Array:
+        """Most probable stage less given figures, in standard deviations of these, shape (n,)."""
+        at = [self.figures.index(o.figure) for o in self.observations]
+        logarithmic = np.array([o.logarithmic for o in self.observations])
+        values = scaled(np.array([o.value for o in self.observations]), logarithmic)
+        spread = np.array([o.spread for o in self.observations])
+        residuals = (scaled(self.best_values[at], logarithmic) - values) / spread
+        return np.nan_to_num(residuals, nan=math.inf)
+
+    @property
+    def chi_squared(self) -> float:
+        """Squares of `residuals` and of the coordinates of the most probable stage.
+
+        Of the chi-squared distribution with as many degrees of freedom as there are given figures,
+        where form and prior hold and the model is linear.
+        """
+        return float((self.residuals**2).sum() + (self.best_coordinates**2).sum())
+
+    @property
+    def probability(self) -> float:
+        """Probability of a chi-squared as large as this, if form and prior are right [1]."""
+        from scipy.special import chdtrc
+
+        return float(chdtrc(len(self.observations), self.chi_squared))
+
     def figure_rows(self) -> tuple[FigureRow, ...]:
         """Return all figures that the dimensions change, with their ranges."""
         observed = {o.figure for o in self.observations}
@@ -339,13 +435,19 @@ class Ensemble(Result):
         of_members = scaled(self.values, self.logarithmic)
         rows = []
         for i in np.flatnonzero(self.varying).tolist():
-            ranges = _ranges(float(self.middle[i]), float(spread[i]), of_members[:, i])
-            ends = unscaled(np.array(ranges.ends), self.logarithmic[i : i + 1])
+            figure, middle = self.figures[i], float(self.middle[i])
+            kind: Kind = "given" if figure in observed else "predicted"
+            ranges = _ranges(middle, float(spread[i]), of_members[:, i])
+            error = model_error(figure) * (1.0 if self.logarithmic[i] else abs(middle))
+            ends = ranges.ends if kind == "given" else _widened(ranges.ends, error)
+            if self.zeros[i]:
+                ends = (0.0, math.nan, math.nan)
+            ends = unscaled(np.array(ends), self.logarithmic[i : i + 1])
             median, low, high = ends.tolist()
             rows.append(
                 FigureRow(
-                    figure=self.figures[i],
-                    kind="given" if self.figures[i] in observed else "predicted",
+                    figure=figure,
+                    kind=kind,
                     described=float(self.described[i]),
                     best=float(self.best_values[i]),
                     median=median,
@@ -365,6 +467,17 @@ class Ensemble(Result):
         pairs = zip(self.figures, self.middle.tolist(), strict=True)
         least = [max(figure.display.zero, 1e-9 * abs(middle)) for figure, middle in pairs]
         return np.linalg.norm(self.rows, axis=1) > np.array(least)
+
+    @property
+    def zeros(self) -> NDArray[np.bool_]:
+        """True for predicted figures that are zero but for the mesh, by symmetry, shape (f,)."""
+        observed = {o.figure for o in self.observations}
+        least = [
+            _MESH * _NOISE.get(f.quantity, 0.0) if f.display.zero and f not in observed else 0.0
+            for f in self.figures
+        ]
+        every = np.vstack([self.described, self.best_values, self.values])
+        return np.nan_to_num(np.abs(every)).max(axis=0) < np.array(least)
 
     def figure(self, name: str) -> FigureRow:
         """Return one figure with its range, by a name such as ``cross_coupling.x``."""
@@ -408,8 +521,9 @@ class Ensemble(Result):
             Name of the figure to narrow, such as ``cross_coupling.x``.
         candidates : mapping, optional
             Standard uncertainty of each possible measurement, by the name of its figure or
-            dimension, in the unit of the figure or SI; default: all figures that a bench measures
-            and all dimensions, with the assumed noise of this module.
+            dimension, in the unit of the figure or SI, to which the error of the model is added;
+            default: all figures that a bench measures and all dimensions, with the assumed noise
+            of this module.
 
         Returns
         -------
@@ -419,20 +533,22 @@ class Ensemble(Result):
         Raises
         ------
         ModelError
-            There is no such figure or dimension.
+            There is no such figure or dimension, or nothing changes the figure.
         """
         known = {f.key for f in self.figures}
         target = self.figures.index(figure_of(figure, known))
         usual = self._candidates() if candidates is None else dict(candidates)
         rows, noises, texts, names = [], [], [], []
         for name, noise in usual.items():
-            row, scale, text = self._candidate(name, noise)
+            row, total, text = self._candidate(name, noise)
             rows.append(row)
-            noises.append(noise / scale)
+            noises.append(total)
             texts.append(text)
             names.append(name)
         if not self.varying[target]:
             raise ModelError(f"no free dimension changes {figure}")
+        if self.zeros[target]:
+            raise ModelError(f"{figure} is zero but for the mesh: no measurement narrows it")
         remaining = self.posterior.remaining(
             self.rows[target], np.array(rows).reshape(-1, len(self.dimensions)), np.array(noises)
         )
@@ -453,7 +569,7 @@ class Ensemble(Result):
         figures = {
             f.name: noise_of(f, value)
             for f, value, changes in zip(
-                self.figures, values.tolist(), self.varying.tolist(), strict=True
+                self.figures, values.tolist(), (self.varying & ~self.zeros).tolist(), strict=True
             )
             if f.quantity in _MEASURABLE and f not in observed and changes
         }
@@ -462,19 +578,20 @@ class Ensemble(Result):
         return lengths | figures
 
     def _candidate(self, name: str, noise: float) -> tuple[Array, float, str]:
-        """Return derivatives of a candidate, the unit of its noise in them, and the noise."""
+        """Return derivatives of a candidate, its noise with that of the model, and its noise."""
         for i, dimension in enumerate(self.dimensions):
             if dimension.name == name:
                 row = np.zeros(len(self.dimensions))
                 row[i] = dimension.sigma
                 value = dimension.median * math.exp(dimension.sigma * self.coordinates[i])
                 variable = dimension.variable
-                return row, abs(value), _noise_text(noise, variable.factor, variable.unit)
+                return row, noise / abs(value), _noise_text(noise, variable.factor, variable.unit)
         figure = figure_of(name, {f.key for f in self.figures})
         i = self.figures.index(figure)
         value = float(unscaled(self.middle[i : i + 1], self.logarithmic[i : i + 1])[0])
         text = _noise_text(noise, figure.display.factor, figure.display.shown_unit)
-        return self.rows[i], value if self.logarithmic[i] else 1.0, text
+        total = math.hypot(noise, model_error(figure) * value)
+        return self.rows[i], total / value if self.logarithmic[i] else total, text
 
     @property
     def text(self) -> str:
@@ -497,21 +614,23 @@ class Ensemble(Result):
         names = [d.name for d in self.dimensions]
         return {
             "stage": self.template.source,
-            **picked(self, "model", "informed"),
+            **picked(self, "model", "informed", "chi_squared", "probability"),
             "given": [
                 {
                     **picked(o, "figure=figure.name", "unit=figure.display.unit"),
                     **picked(o, "value", "uncertainty", "spread", "logarithmic"),
+                    "residual": residual,
                 }
-                for o in self.observations
+                for o, residual in zip(self.observations, plain(self.residuals), strict=True)
             ],
             "figures": [
                 {
                     **picked(row, "figure=figure.name", "unit=figure.display.unit"),
                     **picked(row, "kind", "described", "best", "median", "low", "high", "by"),
                     "logarithmic": bool(self.logarithmic[self.figures.index(row.figure)]),
-                    **picked(row, "before", "laplace", "ensemble", "agreement"),
-                    "next": [plain(n) for n in self.next(row.figure.name)[:3]],
+                    **picked(row, "before", "laplace", "ensemble", "agreement", "remaining"),
+                    "zero": row.zero,
+                    "next": [] if row.zero else [plain(n) for n in self.next(row.figure.name)[:3]],
                 }
                 for row in self.figure_rows()
             ],
@@ -536,5 +655,5 @@ class Ensemble(Result):
                 }
                 for point, values in zip(self.points, self.values, strict=True)
             ],
-            **picked(self, "requested", "refused", "seconds", "seed", "provenance"),
+            **picked(self, "requested", "stopped", "refused", "seconds", "seed", "provenance"),
         }

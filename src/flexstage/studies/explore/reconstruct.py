@@ -32,6 +32,7 @@ from flexstage.studies.explore.ensemble import (
     Ensemble,
     FreeDimension,
     Observation,
+    Stop,
     rows_of,
     scaled,
     unscaled,
@@ -77,6 +78,9 @@ _EFFORT = _Effort()
 def dimension_of(variable: Variable) -> FreeDimension:
     """Return the prior of a dimension: a standard deviation to either side within its range.
 
+    The median is the described value where the range is symmetric about it, as one in per cent is;
+    of any other range the geometric mean.
+
     Raises
     ------
     ModelError
@@ -88,8 +92,8 @@ def dimension_of(variable: Variable) -> FreeDimension:
             "logarithm is normal: give a range on one side of 0"
         )
     low, high = sorted((abs(variable.low), abs(variable.high)))
-    inside = variable.low < variable.usual < variable.high
-    middle = variable.usual if inside else math.copysign(math.sqrt(low * high), variable.low)
+    symmetric = math.isclose(variable.usual, variable.middle, rel_tol=1e-9)
+    middle = variable.usual if symmetric else math.copysign(math.sqrt(low * high), variable.low)
     return FreeDimension(variable=variable, median=middle, sigma=0.5 * math.log(high / low))
 
 
@@ -272,7 +276,7 @@ def reconstruct(
     seed : int
         Random seed of the ensemble.
     seconds : float
-        Time after which no more members are computed [s].
+        Time after which no more members are computed [s]. Laplace's approximation is not in it.
     workers : Workers, optional
         Worker processes; this process alone if not given.
 
@@ -286,7 +290,8 @@ def reconstruct(
     -----
     Validity: the form of the stage is known, log-normal dimensions and normal errors. Laplace's
     approximation is linear about the most probable stage, and knows no limits of the geometry; the
-    ensemble does. What is not informed keeps what was put in before.
+    ensemble does. Ctrl-C ends the members, and those so far are kept. What is not
+    informed keeps what was put in before.
     """
     if not observations or not unknown:
         raise ModelError("a reconstruction needs at least one given figure and one free dimension")
@@ -329,6 +334,7 @@ def reconstruct(
         points=np.zeros((0, len(unknown))),
         values=np.zeros((0, len(figures))),
         requested=members,
+        stopped="",
         seed=seed,
         refused={},
         seconds={"laplace": time.monotonic() - began},
@@ -339,11 +345,12 @@ def reconstruct(
     began = time.monotonic()
     with progress.subtask(0.4, 1.0):
         sampler = _Sampler(fit, whitened, posterior, centre, np.random.default_rng(seed))
-        z, values = _members(sampler, ensemble, stages.near(best), at, seconds, workers)
+        z, values, stopped = _members(sampler, ensemble, stages.near(best), at, seconds, workers)
     return replace(
         ensemble,
         points=stages.points(z),
         values=values,
+        stopped=stopped,
         refused=dict(sampler.refused),
         seconds=dict(ensemble.seconds) | {"members": time.monotonic() - began},
     )
@@ -550,27 +557,36 @@ def _members(
     at: Sequence[int],
     seconds: float,
     workers: Workers,
-) -> tuple[Array, Array]:
-    """Return coordinates and figures of members, by the finer model, until the time is up."""
+) -> tuple[Array, Array, Stop]:
+    """Return coordinates and figures of members, by the finer model, and what ended them early."""
     began, computations, count = time.monotonic(), 0, ensemble.requested
-    lumped = ensemble.model == "lumped"
     members = np.zeros((0, sampler.fit.size))
     values = np.zeros((0, len(ensemble.figures)))
-    while (
-        len(members) < count
-        and computations < _EFFORT.rounds * count
-        and time.monotonic() - began < seconds
-    ):
-        with progress.subtask(len(members) / count, 1.0):
-            draws = sampler.draw(min(count - len(members), count if lumped else _EFFORT.at_once))
-            if not len(draws.z):
-                break
-            computations += len(draws.z)
-            computed = _evaluated(
-                stages, draws.z, ensemble.figures, ensemble.model, workers, "members"
-            )
-        z, figures = (
-            (draws.z, computed) if lumped else sampler.corrected(draws, computed, ensemble, at)
-        )
+    stopped: Stop = ""
+    while len(members) < count:
+        if time.monotonic() - began >= seconds:
+            stopped = "time"
+            break
+        if computations >= _EFFORT.rounds * count:
+            stopped = "draws"
+            break
+        try:
+            with progress.subtask(len(members) / count, 1.0):
+                draws = sampler.draw(min(count - len(members), _EFFORT.at_once))
+                if not len(draws.z):
+                    stopped = "draws"
+                    break
+                computations += len(draws.z)
+                z, figures = (
+                    draws.z,
+                    _evaluated(
+                        stages, draws.z, ensemble.figures, ensemble.model, workers, "members"
+                    ),
+                )
+            if ensemble.model != "lumped":
+                z, figures = sampler.corrected(draws, figures, ensemble, at)
+        except KeyboardInterrupt:
+            stopped = "interrupted"
+            break
         members, values = np.vstack([members, z]), np.vstack([values, figures])
-    return members, values
+    return members, values, stopped

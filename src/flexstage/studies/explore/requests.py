@@ -135,19 +135,24 @@ class ReconstructRequest(Request):
     match: Annotated[tuple[str | Requirement, ...], Written("VALUE")] = ()
     """Given figure with its standard uncertainty, such as "natural_frequency.x = 320 Hz +- 2 Hz";
     or published, the published finite-element values of STAGE (default: published). The error of
-    the model is added: 1 % of a stress, 0.5 % of other figures.
+    the model is added: 1 % of a stress, nothing of mass and geometry, 0.5 % of other figures.
     """
     free: _Ranges = ()
     """A free dimension and one standard deviation to either side before, such as
-    leg_neck="0.4..0.6 mm"; or "x.*=20 %", all parameters whose names match (default: all dimensions
-    by 20 %, except those of bought parts and bolts).
+    leg_neck="0.4..0.6 mm", about its geometric mean; or "x.*=20 %", all parameters whose names
+    match, about their values (default: all dimensions by 20 %, except those of bought parts and
+    bolts).
     """
     members: Annotated[int, Range(low=0, high=10_000)] = 60
     """Number of stages of the ensemble; 0 for the linear estimate alone."""
     time: Annotated[Time, POSITIVE] = 120.0
-    """Time after which no more members are computed."""
+    """Time after which no more members are computed, so that their number depends on the speed of
+    the computer; the linear estimate before them is not in it.
+    """
     model: _Corrected = "superelement"
-    """Model of the figures: superelement, or lumped (fast, without motion across and drift)."""
+    """Model of the figures: superelement, or lumped (fast, without motion across and drift; its
+    ranges leave out what rigid bodies leave out, tens of per cent of output stiffness and sag).
+    """
     seed: Seed = 0
     """Random seed of the members."""
 
