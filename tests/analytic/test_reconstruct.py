@@ -284,7 +284,7 @@ def test_the_time_ends_members_of_the_lumped_model_too():
     assert 0 < len(ensemble.points) < 10_000
     assert ensemble.seconds["members"] < 2.0
     assert ensemble.stopped == "time"
-    assert "--time gives more" in notes_of(ensemble)
+    assert "--time-limit gives more" in notes_of(ensemble)
 
 
 def test_members_that_the_geometry_refuses_are_not_a_matter_of_time(monkeypatch):
@@ -292,7 +292,7 @@ def test_members_that_the_geometry_refuses_are_not_a_matter_of_time(monkeypatch)
     given = {"natural_frequency_hz": (200.0, 2.0)}
     ensemble = found(given, (f"{NECK}=20 %",), members=2)
     assert ensemble.stopped == "draws"
-    assert "--time" not in notes_of(ensemble)
+    assert "--time-limit" not in notes_of(ensemble)
     assert "draws could not be built" in notes_of(ensemble)
     assert "the limits of the geometry refuse more" in notes_of(ensemble)
 

@@ -95,7 +95,7 @@ def test_json_is_one_object_with_kinds(run):
         (("--match", "mass >= 1 g"), "--match needs a figure and its value"),
         (("--match", "frequenzy.x = 2 Hz"), "there is no figure 'frequenzy.x'"),
         (("--match", "mass = 50 g", "--free", "leg_spacing"), "is not a range of a parameter"),
-        (("--match", "mass = 50 g", "--time", "0 s"), "above 0"),
+        (("--match", "mass = 50 g", "--time-limit", "0 s"), "above 0"),
     ],
 )
 def test_bad_input_is_one_sentence(run, words, said):

@@ -29,7 +29,7 @@ def reconstruct(
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Infer dimensions from published or measured figures, and predict other figures.
+    """Infer dimensions and other figures from given figures.
 
     Many stages have the same few figures. The output gives the range of every figure and dimension
     over the stages that agree with the given ones, and the measurement that would narrow it most.

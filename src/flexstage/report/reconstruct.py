@@ -200,7 +200,7 @@ def _members(ensemble: Ensemble) -> str:
         "the given figures by finite elements"
     )
     if ensemble.stopped == "time":
-        return f"{text}; --time gives more"
+        return f"{text}; --time-limit gives more"
     if ensemble.stopped == "interrupted":
         return f"{text}; interrupted"
     if count < requested:

@@ -210,7 +210,7 @@ def ready_reconstruct(
         model=request.model,
         members=request.members,
         seed=request.seed,
-        seconds=request.time,
+        seconds=request.time_limit,
     )
     return lambda workers: replace(run(workers=workers), request=request)
 

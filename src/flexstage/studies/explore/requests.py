@@ -145,7 +145,7 @@ class ReconstructRequest(Request):
     """
     members: Annotated[int, Range(low=0, high=10_000)] = 60
     """Number of stages of the ensemble; 0 for the linear estimate alone."""
-    time: Annotated[Time, POSITIVE] = 120.0
+    time_limit: Annotated[Time, POSITIVE] = 120.0
     """Time after which no more members are computed, so that their number depends on the speed of
     the computer; the linear estimate before them is not in it.
     """
