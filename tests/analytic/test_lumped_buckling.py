@@ -107,7 +107,7 @@ def test_a_leaf_in_tension_buckles_where_shear_makes_it(method: str) -> None:
     shear = MATERIAL.youngs_modulus / (2.0 * (1.0 + MATERIAL.poissons_ratio))
     for plane in ("stress", "strain"):
         factor = lumped_buckling(stage, {"press": -1.0}, method=method, plane=plane)  # type: ignore[arg-type]
-        assert factor == pytest.approx(shear * THICK * NECK / 1.2, rel=0.02)
+        assert factor == pytest.approx(shear * THICK * NECK / 1.2, rel=0.04)
 
 
 def test_two_leaves_far_apart_guide_their_block() -> None:
