@@ -209,9 +209,7 @@ def _forces(drive: Drive, compliance: Array, free: Array) -> Array:
         return free / (compliance + drive.compression(1.0))
     end = free / compliance
     low, high = np.minimum(end, 0.0), np.maximum(end, 0.0)
-    if not drive.pulls and drive.preload:
-        # where the excess is positive everywhere, the bisection ends at the open seat
-        low = np.maximum(low, -drive.preload.force)
+    # an open seat lacks everything, and so it ends where the seat opens
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         below = compliance * middle + drive.compressions(middle) < free
