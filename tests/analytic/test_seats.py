@@ -27,7 +27,7 @@ from flexstage.stage.seat import (
 from flexstage.studies.explore.family import _stroke_left
 from flexstage.system.analysis import analyse
 from flexstage.system.modes import modes
-from flexstage.system.seated_drives import seat_notes, static_drives
+from flexstage.system.seated_drives import contact_forces, seat_notes, static_drives
 from flexstage.system.statics import drive_stiffness, static_displacements
 from flexstage.virtual.as_built import platform_stroke
 
@@ -288,3 +288,30 @@ def test_stage_files_keep_seats_and_refuse_what_cannot_be(tmp_path) -> None:
         replace(both.drives[0], preload=None)
     with pytest.raises(ModelError, match="there is no drive 'z'"):
         static_drives(both, lumped_system(both), {"z": 1e-6})
+
+
+def test_forces_of_samples_are_those_of_each() -> None:
+    x, y = design("vgtu-piezo").drives
+    seats = (
+        (BallSeat(radius=9e-3, contact_modulus=1.1e11), FlatSeat(roughness_length=0.3e-6)),
+        (BALL,),
+        (TipSeat(axial_stiffness=2e7),),
+        (),
+    )
+    drives = [
+        replace(drive, seats=seat, preload=Preload(force=40.0) if i < 2 else None)
+        for i, (drive, seat) in enumerate(zip((x, y, x, y), seats, strict=True))
+    ]
+    rng = np.random.default_rng(5)
+    square = rng.standard_normal((40, 4, 4))
+    compliance = 1e-7 * (square @ square.swapaxes(1, 2) + 2.0 * np.eye(4))
+    # some open the first two seats
+    free = 4e-5 * rng.standard_normal((40, 4))
+    found = contact_forces(drives, compliance, free)
+    assert np.all((found[:, :2] <= -40.0 + 1e-9).sum(0) > 3)
+    for force, c, w in zip(found, compliance, free, strict=True):
+        np.testing.assert_allclose(force, contact_forces(drives, c, w), rtol=1e-9, atol=1e-9)
+        # the balance itself, where the seat is closed
+        for i, drive in enumerate(drives):
+            if force[i] > -39.9 or i > 1:
+                assert c[i] @ force + drive.compression(force[i]) == pytest.approx(w[i], abs=1e-13)

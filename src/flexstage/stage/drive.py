@@ -4,6 +4,9 @@ import math
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, ClassVar, NamedTuple
 
+import numpy as np
+
+from flexstage.base.arrays import Array
 from flexstage.base.errors import StageError
 from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Size, require_ranges
 from flexstage.quantities.units import DIMENSIONS, Stiffness
@@ -214,6 +217,14 @@ class Drive(Actuator):
         if not self.pulls and rest + force < 0.0:
             return -math.inf
         return shorter + sum(seat.approach(rest + force, rest) for seat in self.seats)
+
+    def compressions(self, force: Array) -> Array:
+        """Return `compression` for many forces."""
+        shorter = np.zeros_like(force) if self.spring is None else force / self.spring
+        rest = self.preload.force if self.preload else 0.0
+        for seat in self.seats:
+            shorter = shorter + seat.approaches(rest + force, rest)
+        return shorter if self.pulls else np.where(rest + force < 0.0, -math.inf, shorter)
 
     def tangent(self, force: float) -> float | None:
         """Return the stiffness of drive and seats under a pressing force [N/m]; None if rigid."""

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
+
+from flexstage.base.arrays import Array
 from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Size
 from flexstage.quantities.units import DIMENSIONS, Stiffness
 
@@ -23,6 +26,11 @@ class Seat(ABC):
     @abstractmethod
     def approach(self, force: float, preload: float) -> float:
         """Return the approach of both bodies from a preload to a force, both pressing [m]."""
+
+    def approaches(self, force: Array, preload: float) -> Array:
+        """Return the approaches of both bodies from a preload to forces that press [m]."""
+        # laws of powers take arrays as they are
+        return np.asarray(self.approach(force, preload))  # type: ignore[arg-type]
 
     @abstractmethod
     def stiffness(self, force: float) -> float:
@@ -122,6 +130,10 @@ class FlatSeat(Seat):
         if force <= 0.0:
             return -math.inf
         return self.roughness_length * math.log(force / preload)
+
+    def approaches(self, force: Array, preload: float) -> Array:
+        with np.errstate(divide="ignore"):
+            return self.roughness_length * np.log(np.maximum(force, 0.0) / preload)
 
     def stiffness(self, force: float) -> float:
         return force / self.roughness_length

@@ -18,6 +18,8 @@ from flexstage.system.statics import StaticSolution, solve_stiffness, static_for
 
 # Sweeps over all drives, and the relative change of their forces at which they end.
 _SWEEPS, _SETTLED = 2000, 1e-12
+# Halvings after which doubles of an interval are one.
+_HALVINGS = 60
 # Relative error of the stroke of a linear model that is worth a note.
 _NOTABLE = 0.01
 
@@ -148,21 +150,27 @@ def seated_drives(stage: Stage, system: MechanicalSystem) -> tuple[list[Drive], 
 def contact_forces(drives: Sequence[Drive], compliance: Array, free: Array) -> Array:
     """Return the force F of each drive with compliance F + c(F) = w, one drive after the other.
 
-    The compliance is that of what they push on, shape (m, m), and w is `free`, shape (m,).
+    The compliance is that of what they push on, shape (m, m), and w is `free`, shape (m,); or those
+    of samples, shapes (s, m, m) and (s, m).
     """
-    force = np.zeros(len(drives))
+    force = np.zeros(free.shape)
     for _ in range(_SWEEPS):
         before = force.copy()
         for i, drive in enumerate(drives):
-            there = float(compliance[i, i])
-            if there <= 0.0:
+            there = compliance[..., i, i]
+            if np.any(there <= 0.0):
                 raise ModelError(
                     f"drive '{drive.name}' moves nothing: both of its bodies are fixed"
                 )
-            rest = float(free[i] - compliance[i] @ force + there * force[i])
-            force[i] = _force(drive, there, rest)
-        change, largest = (np.max(np.abs(f), initial=0.0) for f in (force - before, force))
-        if change <= _SETTLED * largest:
+            if force.ndim > 1:
+                pushed = np.einsum("sj,sj->s", compliance[:, i], force)
+                rest = free[:, i] - pushed + there * force[:, i]
+                force[:, i] = _forces(drive, there, rest)
+            else:
+                rest = float(free[i] - compliance[i] @ force + there * force[i])
+                force[i] = _force(drive, float(there), rest)
+        change, largest = (np.max(np.abs(f), -1, initial=0.0) for f in (force - before, force))
+        if np.all(change <= _SETTLED * largest):
             return force
     raise ModelError(
         "the forces of the drives do not settle: two of them hold the same motion, so that only "
@@ -193,6 +201,20 @@ def _force(drive: Drive, compliance: float, free: float) -> float:
     low, high = sorted((0.0, end))
     root: Any = brentq(excess, low, high, xtol=1e-14 * abs(end))
     return float(root)
+
+
+def _forces(drive: Drive, compliance: Array, free: Array) -> Array:
+    """Return what `_force` does for each of many samples, by bisection."""
+    if not drive.seats:
+        return free / (compliance + drive.compression(1.0))
+    end = free / compliance
+    low, high = np.minimum(end, 0.0), np.maximum(end, 0.0)
+    # an open seat lacks everything, and so it ends where the seat opens
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        below = compliance * middle + drive.compressions(middle) < free
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return 0.5 * (low + high)
 
 
 def _state(drive: Drive, force: float, elongation: float) -> SeatedDrive:

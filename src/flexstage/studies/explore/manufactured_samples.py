@@ -512,10 +512,10 @@ def _on_seats(
             # the batch has the elongation of the drive with its preload spring
             free = np.zeros((samples, len(drives)))
             free[:, i] = length * (drive.stroke or 0.0) / (drive.mounted.stroke or math.inf)
-            forces = [contact_forces(drives, a, w) for a, w in zip(together, free, strict=True)]
+            forces = contact_forces(drives, together, free)
             probe = [o.name for o in stage.probes].index(stage.axis(axis).probe)
             reading = np.einsum("sj,sji->si", p[:, probe], shapes)
-            out[quantity, axis] = np.einsum("si,si->s", reading, np.array(forces))
+            out[quantity, axis] = np.einsum("si,si->s", reading, forces)
         elif drive.preload is not None and ("natural_frequency_hz", axis) in columns:
             force = length / alone[:, i, i]
             ratio = 1.0 + (springs[i] * length + drive.preload.force) / force
