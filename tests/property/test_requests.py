@@ -84,7 +84,7 @@ EXAMPLES: tuple[Request, ...] = (
         zero="drift",
     ),
     OptimiseRequest(maximise=("mass",), over=("neck=20 %",), start="middle", confirm="plane"),
-    ReconstructRequest(match=("mass = 50 g",), free=("neck=20 %",), members=7, time=33.0),
+    ReconstructRequest(match=("mass = 50 g",), free=("neck=20 %",), members=7, time_limit=33.0),
     PredictRequest(after="walk 1.csv,walk 2.csv"),
     ReadOptions(
         sample_rate=(200.0, 12.5), time="t", resample=(None,),
