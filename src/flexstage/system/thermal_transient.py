@@ -254,10 +254,10 @@ def _edges(body: Body) -> float:
 
 def _longest_side(body: Body) -> float:
     """Return the longest side of the smallest rectangle around a body [m]."""
-    from shapely import MultiPoint, minimum_rotated_rectangle
+    from shapely import MultiPoint, get_coordinates, minimum_rotated_rectangle
 
     around = minimum_rotated_rectangle(MultiPoint(body.outline.polyline()))
-    return float(_sides(np.array(around.exterior.coords)[:-1]).max())
+    return float(_sides(get_coordinates(around)[:-1]).max())
 
 
 def _sides(points: Array) -> Array:
