@@ -38,19 +38,6 @@ class EquationError:
     -----
     Validity: noise in the displacement biases what it finds, by percents where it is percents; it
     is where a search begins, not where it ends.
-
-    Examples
-    --------
-    >>> truth = BoucWenOscillator(
-    ...     mass=1.7, damping=8.0, stiffness=4.1e4, alpha=5.3e4,
-    ...     beta_gamma=870.0, beta_delta=-420.0,
-    ... )
-    >>> rng = np.random.default_rng(3)
-    >>> drive = 70.0 * np.convolve(rng.standard_normal(3000), np.hanning(9), "same")
-    >>> record = truth.simulate(drive, 800.0).displacement
-    >>> start, _ = EquationError(drive, record, 800.0, 1.0).search(None)
-    >>> print(f"{start.mass:.2f} kg")
-    1.70 kg
     """
 
     def __init__(
