@@ -25,7 +25,8 @@ OUT = Path(__file__).resolve().parent.parent / "out" / "web"
 # faults of these weights are none that a page may have
 _GRAVE = {"serious", "critical"}
 HERE = "http://127.0.0.1:8321"
-_PATIENCE = 60.0
+# jobs have the lowest priority: a few seconds of work take minutes beside other tests
+_PATIENCE = 300.0
 
 
 def simulated(folder: Path, body: Callable[[Any, Any], Awaitable[None]]) -> None:
@@ -98,7 +99,7 @@ def served(folder: Path, *options: str) -> Iterator[tuple[str, "subprocess.Popen
         finally:
             process.send_signal(signal.SIGINT)
             try:
-                process.wait(20.0)
+                process.wait(_PATIENCE)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -236,6 +237,14 @@ def open_piezo_stage(page: Any) -> None:
     page.get_by_role("combobox", name="Design").fill("vgtu-piezo")
     page.get_by_role("option", name="vgtu-piezo", exact=True).click()
     page.get_by_role("heading", name="vgtu-piezo", exact=True).wait_for()
+
+
+async def come(condition: Callable[[], Any]) -> None:
+    """Wait until something holds, and let others work meanwhile."""
+    end = time.monotonic() + _PATIENCE
+    while not condition():
+        assert time.monotonic() < end, "it never came"
+        await asyncio.sleep(0.02)
 
 
 def until(condition: Callable[[], bool], seconds: float = _PATIENCE) -> None:

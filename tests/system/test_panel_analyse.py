@@ -3,10 +3,8 @@
 import asyncio
 import base64
 import json
-import time
 import zipfile
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +31,7 @@ from flexstage.web.analyse.work import (
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.preferences import Preferences
 from flexstage.web.views.analyse import errors_table, meshes_table
-from tests.panel import looked_at, simulated
+from tests.panel import come, looked_at, simulated
 
 GUIDE = Variant(StageTemplate.of("parallelogram"))
 
@@ -198,13 +196,6 @@ def test_results_are_saved_by_model(lumped: ModelResult, tmp_path: Path) -> None
         assert archive.namelist() == ["lumped/analysis.json", "lumped/bode-x.svg"]
         assert json.loads(archive.read("lumped/analysis.json")) == dict(lumped.results)
     assert [c.heading for c in hinges_table(lumped).columns][1].endswith("x [MPa]")
-
-
-async def come(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it never came"
-        await asyncio.sleep(0.02)
 
 
 def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ from flexstage.web.bench.runs import (
 from flexstage.web.emergency_stop import EmergencyStop
 from flexstage.web.jobs import Jobs
 from flexstage.web.views.bench import run_name
-from tests.panel import browser, looked_at, open_piezo_stage, served, simulated, until
+from tests.panel import browser, come, looked_at, open_piezo_stage, served, simulated, until
 from tests.simple_instrument import GAINS, SimpleInstrument
 
 STAGE = design("vgtu-piezo")
@@ -482,13 +482,6 @@ def test_what_an_axis_refuses_stands_in_its_card_until_it_accepts_something(
     simulated(tmp_path, look)
 
 
-async def come(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it never came"
-        await asyncio.sleep(0.02)
-
-
 def test_a_run_has_the_name_that_a_person_gave(tmp_path: Path) -> None:
     named = replace(about(tmp_path), name="first loop").folder("waveform-x")
     assert run_name(named) == "first-loop-waveform-x"
@@ -622,4 +615,4 @@ def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
             assert read_record(stream.with_suffix(".h5")).size > 1000
     finally:
         twin.send_signal(signal.SIGINT)
-        twin.communicate(timeout=20.0)
+        twin.communicate(timeout=120.0)

@@ -27,7 +27,7 @@ from flexstage.web.centring.work import (
 )
 from flexstage.web.preferences import Preferences
 from flexstage.web.views.centring import figures, position_text, turns_table
-from tests.panel import looked_at, simulated
+from tests.panel import looked_at, simulated, until
 from tests.undrawn import undrawn
 
 
@@ -193,19 +193,14 @@ def test_the_bench_moves_only_for_who_drives_and_within_limits(tmp_path: Path) -
         move_to(bench, "me", (0.0, 0.0))
     bench.connect("me", "Ann", "twin://?seed=1", design("vgtu-piezo"))
     try:
-        end = time.monotonic() + 20.0
-        while stage_position(bench) is None:
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        until(lambda: stage_position(bench) is not None)
         with pytest.raises(ModelError, match="does not have control"):
             move_to(bench, "other", (10e-6, 10e-6))
         with pytest.raises(ModelError, match="position control of axis x and y is off"):
             move_to(bench, "me", (10e-6, 10e-6))
         for axis in bench.readings:
             bench.set_closed_loop("me", axis, True).result()
-        while not all(r.closed_loop for r in bench.readings.values()):
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        until(lambda: all(r.closed_loop for r in bench.readings.values()))
         before = stage_position(bench)
         with pytest.raises(FlexstageError, match="its limits are"):
             move_to(bench, "me", (10e-6, 1.0))

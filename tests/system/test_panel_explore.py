@@ -1,10 +1,7 @@
 """The view Explore without a browser: what it finds is what the command finds, and is picked."""
 
-import asyncio
 import json
 import shlex
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,7 +34,7 @@ from flexstage.web.explore.state import (
 )
 from flexstage.web.explore.work import run_exploration
 from flexstage.web.preferences import Preferences
-from tests.panel import looked_at, simulated
+from tests.panel import come, looked_at, simulated
 from tests.system.test_panel_browser import undo_to
 
 GUIDE = Variant(StageTemplate.of("parallelogram"))
@@ -219,13 +216,6 @@ def test_points_of_a_cancelled_sweep_are_those_that_were_computed(facts: StageSu
     assert data[0]["y"][4] is None
     assert data[0]["customdata"][2] == 2
     assert data[-1]["name"] == "selected"
-
-
-async def come(condition: Callable[[], Any], seconds: float = 30.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it never came"
-        await asyncio.sleep(0.02)
 
 
 def test_a_point_is_picked_and_opened_in_design(tmp_path: Path) -> None:

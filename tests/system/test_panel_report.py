@@ -1,9 +1,7 @@
 """The view Report: what it writes is what `flexstage study` writes, and what it serves is that."""
 
-import asyncio
 import json
 import re
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +21,7 @@ from flexstage.web.reports import (
     written_reports,
 )
 from flexstage.web.views.report import ReportState
-from tests.panel import OUT, looked_at, simulated
+from tests.panel import OUT, come, looked_at, simulated
 
 LITTLE = StudyRequest.of_models("lumped")
 GUIDE = Variant(StageTemplate.of("parallelogram"))
@@ -115,10 +113,7 @@ def test_a_report_that_is_being_written_is_found_after_a_reload_and_can_be_cance
         await user.open("/report")
         await user.should_see("report of parallelogram")
         user.find("Cancel").click()
-        end = time.monotonic() + 20.0
-        while state.job is not None:
-            assert time.monotonic() < end
-            await asyncio.sleep(0.02)
+        await come(lambda: state.job is None)
         assert job.state == "cancelled"
         assert not written_reports(panel.folder("report"))
 
@@ -136,7 +131,7 @@ def test_a_report_is_written_read_printed_and_kept_in_the_page(tmp_path: Path) -
             page.get_by_role("checkbox", name=part).click()
         page.get_by_role("button", name="Write report of vgtu-piezo").click()
         frame = page.frame_locator("iframe.report")
-        frame.get_by_role("heading", name="vgtu-piezo").first.wait_for(timeout=300e3)
+        frame.get_by_role("heading", name="vgtu-piezo").first.wait_for()
         assert frame.locator("#summary table").is_visible()
         assert not frame.locator("#statics table").first.is_visible()
         look.require_sound("report")

@@ -1,6 +1,7 @@
 """Analysis of a stage by one model: statics, modes, responses, characteristics."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from flexstage.base.provenance import Provenance, provenance
 from flexstage.base.short_repr import short_repr
@@ -22,7 +23,7 @@ from flexstage.system.thermal_transient import transient_notes
 _CONDITIONS: tuple[DriveCondition, ...] = ("removed", "in place", "locked")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Analysis:
     """Results of one model of a stage."""
 
@@ -33,9 +34,9 @@ class Analysis:
     axes: tuple[AxisAnalysis, ...]
     """Static state of each axis."""
     modes: dict[DriveCondition, Modes]
-    """Modes by condition of the drives."""
-    responses: tuple[FrequencyResponse, ...]
-    """Response of each axis' probe to its drive, drives removed and in place."""
+    """Lowest modes by condition of the drives."""
+    every_mode: dict[DriveCondition, Modes]
+    """All modes by condition of the drives."""
     characteristics: Characteristics
     """The characteristics."""
     validity: tuple[str, ...]
@@ -46,6 +47,20 @@ class Analysis:
     """Coupling of all drives and axes, where there are several drives."""
 
     __repr__ = short_repr
+
+    @cached_property
+    def responses(self) -> tuple[FrequencyResponse, ...]:
+        """Response of each axis' probe to its drives, drives removed and in place."""
+        return tuple(
+            response_of_modes(
+                self.system, self.every_mode[condition], frequency_hz, drive, axis.probe
+            )
+            for axis in self.system.axes
+            for condition in _CONDITIONS[:2]
+            if condition in self.modes
+            for frequency_hz in (default_frequencies_hz(self.modes[condition]),)
+            for drive in axis.drives
+        )
 
     @property
     def hinge_stress(self) -> dict[str, dict[str, float]]:
@@ -80,14 +95,6 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     lowest_modes: dict[DriveCondition, Modes] = {
         c: every[c].lowest(MODES_SEARCHED) for c in conditions
     }
-    responses = []
-    for axis in system.axes:
-        for condition in conditions[:2]:
-            f = default_frequencies_hz(lowest_modes[condition])
-            responses += [
-                response_of_modes(system, every[condition], f, drive, axis.probe)
-                for drive in axis.drives
-            ]
     rows = every_characteristic(
         stage, system, states, lowest_modes["removed"], lowest_modes.get("in place")
     )
@@ -96,7 +103,7 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
         system=system,
         axes=states.axes,
         modes=lowest_modes,
-        responses=tuple(responses),
+        every_mode=every,
         characteristics=Characteristics(rows),
         validity=(
             *system.validity,

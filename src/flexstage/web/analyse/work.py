@@ -21,7 +21,6 @@ from flexstage.report.tables import cause_words, percent
 from flexstage.studies.models import run_models
 from flexstage.studies.requests import AnalyseRequest, ModelOptions
 from flexstage.system import Analysis, DriveCondition, FrequencyResponse
-from flexstage.system.modes import modes
 from flexstage.system.response import default_frequencies_hz, response_of_modes
 from flexstage.web.design.state import Variant
 from flexstage.web.pictures import inline
@@ -99,10 +98,7 @@ def every_response(analysis: Analysis) -> Iterator[FrequencyResponse]:
     for condition, lowest_modes in analysis.modes.items():
         if condition == "locked" or not system.drives:
             continue
-        all_modes, f = (
-            modes(system, drives=condition, count=None),
-            default_frequencies_hz(lowest_modes),
-        )
+        all_modes, f = analysis.every_mode[condition], default_frequencies_hz(lowest_modes)
         for drive in system.drives:
             for probe in system.probes:
                 yield response_of_modes(system, all_modes, f, drive.name, probe.name)
