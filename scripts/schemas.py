@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import flexstage
+from flexstage.centring.table_file import TABLE_FILE, RotaryTable
 from flexstage.experiments.campaign.plan import CAMPAIGN_FILE, Campaign
 from flexstage.experiments.plan import PLAN_FILE, Plan
 from flexstage.files.schema import file_schema
@@ -26,6 +27,7 @@ def schemas() -> dict[Path, dict[str, Any]]:
         PACKAGE / "experiments" / "campaign" / "campaign.schema.json": file_schema(
             CAMPAIGN_FILE, Campaign
         ),
+        PACKAGE / "centring" / "table.schema.json": file_schema(TABLE_FILE, RotaryTable),
         PACKAGE / "measure" / "uncertainty" / "budget.schema.json": file_schema(
             BUDGET_FILE, Budget
         ),

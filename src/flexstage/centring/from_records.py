@@ -14,6 +14,7 @@ from flexstage.centring.calibration_moves import calibrate_moves
 from flexstage.centring.eccentricity import HeadReadings
 from flexstage.centring.requests import MAGNET, CentreRequest
 from flexstage.centring.setup import Setup, change, fit_setup, joined, report
+from flexstage.centring.table_file import read_table
 from flexstage.centring.turns import unwrap_error
 from flexstage.files.result import Result
 from flexstage.quantities.units import si_unit
@@ -180,11 +181,38 @@ class CentredRecords(Result):
         return result if self.trial is None else result | {"trial": self.trial}
 
 
+def with_table(request: CentreRequest) -> CentreRequest:
+    """Return a request with heads, radius, kind and mounting angle of its table."""
+    if request.table is None:
+        return request
+    given = [
+        option
+        for option, value in (
+            ("--heads", request.heads),
+            ("--radius", request.radius),
+            ("--kind", request.kind),
+            ("--mounting-angle", request.mounting_angle),
+        )
+        if value
+    ]
+    if given:
+        raise RecordError(f"--table describes {given[0]} already: omit one of them")
+    table = read_table(request.table)
+    return replace(
+        request,
+        heads=table.heads.angles,
+        radius=table.scale.radius,
+        kind=table.scale.kind,
+        mounting_angle=table.mounting_angle,
+    )
+
+
 def centre_files(
     files: Sequence[Path], request: CentreRequest, how: ReadOptions = ReadOptions()
 ) -> CentredRecords:
     """Analyse files as `centre_records` does; without options, by their columns angle and error."""
     column_notes: list[str] = []
+    request = with_table(request)
     if request.angle is None and not (request.error or request.reading or request.turns):
         angle, errors, *column_notes = default_turn_columns(files[0], how)
         request = replace(request, angle=angle, error=errors)

@@ -97,6 +97,10 @@ class CentreRequest(Request):
     parallel to the axis on a rim; magnet: one pair of poles on the axis, whose harmonic of order 1
     is not eccentricity alone.
     """
+    table: Annotated[str, Written("TABLE")] | None = None
+    """Description of the rotary table (YAML), instead of --heads, --radius, --kind and
+    --mounting-angle; its tolerance is the target.
+    """
     orders: Annotated[tuple[int, ...], Written("RANGE", read=read_orders, write=_orders_text)] = ()
     """Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are few samples).
     """

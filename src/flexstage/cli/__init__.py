@@ -36,6 +36,7 @@ from flexstage.cli.reconstruct import reconstruct
 from flexstage.cli.records import records
 from flexstage.cli.run import run
 from flexstage.cli.runs import runs
+from flexstage.cli.scale import scale
 from flexstage.cli.sensitivity import sensitivity
 from flexstage.cli.serve import serve
 from flexstage.cli.show import show
@@ -74,7 +75,7 @@ _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
     "Design": (*(new, import_, check, show, analyse, study, hinges, equations, part, export),),
     "Explore": (sensitivity, sweep, optimise, tolerance, reconstruct),
     "Drives": (excite, identify, predict, compensate),
-    "Measurements": (records, frf, characterise, uncertainty, centre),
+    "Measurements": (records, frf, characterise, uncertainty, scale, centre),
     "Bench": (twin, run),
     "Front panel": (serve,),
 }

@@ -10,6 +10,7 @@ from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
     console,
+    display_table,
     print_notes,
     print_result,
     print_table,
@@ -29,6 +30,7 @@ def centre(
     *,
     request: CentreRequest,
     read_options: ReadOptions,
+    stage: Annotated[str | None, typer.Option(metavar="STAGE")] = None,
     figure: FigureFile = None,
     json: JsonOption = False,
 ) -> None:
@@ -41,20 +43,34 @@ def centre(
     records
         FILE...: Records of the error over the angle of the table. Several files are the heads of
         one setup if --heads has an angle for each, otherwise successive setups.
+    stage
+        Print the move as turns of the screws, or volts of the stacks, of this stage: a stage file
+        or a built-in design.
     figure
         Draw the error over the turn and its harmonics (.svg, .png or .pdf).
     """
     from flexstage.centring.from_records import centre_files
 
     result = centre_files(records, request, read_options)
+    settings = None
+    if stage is not None:
+        from flexstage.studies.settings import settings_of
+
+        settings = settings_of(result, stage)
     files = write_picture(figure, result.plot)
     if json:
-        print_result(result.to_dict(), files)
+        further = {} if settings is None else {"settings": settings.to_dict()}
+        print_result(result.to_dict() | further, files)
         return
     for setup in result.reports:
         print_setup(setup)
     if result.trial is not None:
         print_trial(result.trial)
+    if settings is not None:
+        from flexstage.report.scale import settings_table
+
+        display_table(console(), settings_table(settings))
+        print_notes(console(), settings.notes)
     print_notes(console(), result.notes, files)
 
 

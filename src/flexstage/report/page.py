@@ -179,6 +179,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ),
     ("Record", ""): ("identification.draw_record", "record"),
     ("Refinement", ""): ("fields.draw_convergence", "refinement"),
+    ("ScaleStudy", ""): ("centring.draw_error_budget", "study"),
     ("Sensitivities", ""): ("sensitivity.draw_sensitivities", "sensitivities"),
     ("Stage", ""): ("drawing.draw_stage", "stage"),
     ("Staircase", ""): ("noise.draw_staircase", "staircase"),

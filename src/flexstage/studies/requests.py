@@ -134,6 +134,18 @@ class StudyRequest(Request):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ScaleRequest(Request):
+    """Stages that a rotary table needs to centre its scale."""
+
+    stage: Annotated[tuple[str, ...], Written("STAGE")] = ()
+    """Stage to judge, a file or a built-in design (default: all built-in designs that move along x
+    and y).
+    """
+    model: ModelName = "lumped"
+    """Model of the stages."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonRequest(Request):
     """Comparison of measurements of a stage with models and published values."""
 

@@ -48,6 +48,7 @@ DIMENSIONS: dict[str, Dimension] = {
         Dimension(name="power", si="W", units=("W", "mW")),
         Dimension(name="area", si="m^2", units=("um^2", "mm^2", "m^2")),
         Dimension(name="speed", si="m/s", units=("nm/s", "um/s", "mm/s", "m/s")),
+        Dimension(name="angular speed", si="rad/s", units=("rpm", "deg/s", "rad/s")),
         Dimension(name="slew rate", si="V/s", units=("V/s", "V/ms")),
         Dimension(name="time", si="s", units=("s", "ms", "us", "min", "hour")),
     )
@@ -70,7 +71,6 @@ MEASURED: dict[str, Dimension] = {
         Dimension(name="resistance", si="ohm", units=("ohm", "kohm")),
         Dimension(name="torque", si="N*m", units=("N*m", "N*mm")),
         Dimension(name="acceleration", si="m/s^2", units=("m/s^2", "mm/s^2")),
-        Dimension(name="angular speed", si="rad/s", units=("rad/s", "deg/s", "rpm")),
         Dimension(name="gain", si="m/V", units=("um/V", "nm/V")),
     )
 }

@@ -9,6 +9,7 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.centring import ARCSEC
+from flexstage.centring.error_budget import COVERAGE
 from flexstage.centring.harmonic_fit import HarmonicFit
 from flexstage.report.figures.style import (
     CYCLE,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from flexstage.centring.from_records import CentredRecords
+    from flexstage.studies.scale import ScaleStudy
 
 
 def draw_centred(centred: "CentredRecords") -> "Figure":
@@ -64,6 +66,37 @@ def draw_polar(
         _polar(own_scale, fits[-1:], angles[-1:], names[-1:], colours[-1:], (unit, factor))
     bars = figure.add_subplot(grid[0, -1])
     _bars(bars, fits, names, unit, factor)
+    return figure
+
+
+def draw_error_budget(study: "ScaleStudy") -> "Figure":
+    """Draw what each cause adds to the uncertainty of a reading, as mounted and centred."""
+    reading = study.table.tolerance.reading
+    names = [
+        row.cause if row.order is None else f"{row.cause}, order {row.order}"
+        for row in study.mounted
+    ]
+    figure = new_figure(8.6, 1.6 + 0.36 * len(names))
+    axes = figure.add_subplot()
+    sets = (("as mounted", study.mounted), ("centred", study.centred))
+    least = 1e-4 * study.table.tolerance.error / ARCSEC
+    for k, (label, rows) in enumerate(sets):
+        sizes = [max(COVERAGE * row.uncertainty(reading) / ARCSEC, least) for row in rows]
+        at = np.arange(len(names)) + (0.2 if k else -0.2)
+        axes.barh(at, sizes, height=0.36, left=0.0, color=CYCLE[k], label=label, zorder=2)
+    allowed = study.table.tolerance.error / ARCSEC
+    axes.axvline(
+        allowed, color=INK, linewidth=1.0, linestyle="--", label="allowed in all", zorder=3
+    )
+    axes.set_xscale("log")
+    axes.set_xlim(left=least)
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    style_axes(axes)
+    what = "the mean of all heads" if reading == "mean" else "one head"
+    axes.set_xlabel(f"expanded uncertainty (95 %) of {what} by each cause [arcsec]")
+    set_title(axes, f"Error budget of {study.table.name}")
+    add_legend(axes)
     return figure
 
 

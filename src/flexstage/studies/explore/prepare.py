@@ -142,7 +142,7 @@ def problem_of(request: OptimiseRequest, template: StageTemplate) -> Problem:
         raise ModelError(
             "--match cannot be combined with a goal: use --keep for a constraint on a goal"
         )
-    constraints = requirements_of(request.keep, known)
+    constraints = requirements_of((*request.keep, *_needs_of(request.for_, known)), known)
     targets: tuple[Requirement, ...] = ()
     for target in request.match:
         targets += _targets(target, described, known)
@@ -167,6 +167,17 @@ def problem_of(request: OptimiseRequest, template: StageTemplate) -> Problem:
 def _first_goal(known: dict[tuple[str, str], float]) -> str:
     figures = default_figures(known)
     return next((f.name for f in figures if f.quantity == "natural_frequency_hz"), "mass")
+
+
+def _needs_of(path: str | None, known: Iterable[tuple[str, str]]) -> list[str]:
+    """Return the needs of a rotary table that are figures of a stage, as constraints."""
+    if path is None:
+        return []
+    from flexstage.centring.table_file import read_table
+    from flexstage.studies.scale import needs_as_constraints
+
+    names = {quantity for quantity, _ in known}
+    return [text for name, text in needs_as_constraints(read_table(path)) if name in names]
 
 
 def _targets(text: str | Requirement, described: Any, known: Any) -> tuple[Requirement, ...]:

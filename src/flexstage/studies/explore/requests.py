@@ -99,6 +99,10 @@ class OptimiseRequest(Request):
     Each of smallest_slot, stroke_left, drive_force and buckling_factor adds up to half of the
     computing time.
     """
+    for_: Annotated[str, Written("TABLE")] | None = None
+    """Description of a rotary table (YAML), whose needs of stroke, step, size and mass are further
+    constraints; flexstage scale judges the result.
+    """
     match: Annotated[tuple[str | Requirement, ...], Written("VALUE")] = ()
     """Value to match, such as "natural_frequency.x = 320 Hz", by the smallest change of dimensions;
     or published, for the published finite-element values of STAGE.

@@ -1,0 +1,246 @@
+"""Settings of the drives that make a centring move, in turns or volts, and what to read after."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.centring.error_budget import allowed_eccentricity
+from flexstage.centring.from_records import CentredRecords
+from flexstage.centring.requests import CentreRequest
+from flexstage.centring.table_file import read_table
+from flexstage.files.plain import picked
+from flexstage.stage import Drive, PiezoStack, Screw, Stage
+from flexstage.stage.assumptions import BACKLASH, CONVERTER_BITS, VOLTAGE_RANGE
+from flexstage.stage.designs import find_stage
+from flexstage.studies.models import analyse_model
+from flexstage.virtual.as_built import loop_share
+
+#: Relative standard uncertainty of a transmission ratio by a model before it is measured [1].
+RATIO_UNCERTAINTY = 0.05
+#: Part of a turn by which a screw is turned back further than needed, to approach it forwards.
+_BACK = 0.1
+#: Largest number of moves whose success is stated.
+_MOVES = 4
+#: Drawn moves for its probability.
+_DRAWS = 20_000
+#: Decimals of a predicted centre [m].
+_DECIMALS = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveSetting:
+    """One drive of a move."""
+
+    drive: str
+    """Name of the drive."""
+    elongation: float
+    """Change of its length [m]."""
+    turns: float | None
+    """Turns of a screw, positive forwards; None for another drive."""
+    voltage: float | None
+    """Change of the voltage of a stack, without its hysteresis [V]; None for another drive."""
+    back: float
+    """Turns, or volts, to go back first, so that the drive ends in its forward direction."""
+    eccentricity: float
+    """Eccentricity after this drive and those before it [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MoveSettings:
+    """Settings of a centring move."""
+
+    stage: str
+    """Name of the stage."""
+    drives: tuple[DriveSetting, ...]
+    """The drives, in their order."""
+    radius: float | None
+    """Radius at which the scale is read [m]; None where not known."""
+    target: float | None
+    """Wanted eccentricity [m]."""
+    success: tuple[float, ...]
+    """Probability that the target is reached after one move, two, and so on [1]."""
+    notes: tuple[str, ...]
+    """Remarks."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data in SI units; volts in V, turns in turns."""
+        return picked(self, "stage", "target", "success", "notes") | {
+            "drives": [
+                picked(d, "drive", "elongation", "turns", "voltage", "back", "eccentricity")
+                for d in self.drives
+            ]
+        }
+
+
+def move_settings(
+    stage: Stage,
+    move: Array,
+    uncertainty: Array,
+    *,
+    radius: float | None = None,
+    target: float | None = None,
+    model: str = "lumped",
+) -> MoveSettings:
+    r"""Return the settings of the drives of a stage for a move along its axes x and y.
+
+    The elongations are :math:`w = J^+ \Delta`, with the Jacobian J of the model. Each move is
+    measured before it is made; the probability that its target is reached comes from drawn moves:
+    each leaves, by axis, a share of the eccentricity before it by the error of the ratio, the
+    uncertainty of the measured eccentricity, and up to half a step.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    move : numpy.ndarray
+        Displacement of the scale along the axes of the stage that centres it [m], shape (2,).
+    uncertainty : numpy.ndarray
+        Its standard uncertainty along each axis [m], shape (2,).
+    radius : float, optional
+        Radius at which the scale is read [m].
+    target : float, optional
+        Wanted eccentricity [m].
+    model : str
+        Model of the stage.
+
+    Returns
+    -------
+    MoveSettings
+        One setting by drive.
+
+    Raises
+    ------
+    ModelError
+        The stage does not move along x and y, a drive has neither turns nor volts, or the move
+        exceeds a stroke.
+
+    Notes
+    -----
+    Validity: small moves within the linear range; ratios are those of the model for the first move
+    (5 %, a stack with its loop besides), and no later move is taken to know them better.
+    """
+    coupling = analyse_model(stage, model).coupling
+    if coupling is None or not {"x", "y"} <= set(coupling.names):
+        raise ModelError(f"{stage.name} does not move along x and y: give a stage that does")
+    rows = [coupling.names.index(axis) for axis in ("x", "y")]
+    J = coupling.jacobian[rows]
+    elongations = np.linalg.pinv(J) @ move
+    settings, at = [], -np.asarray(move, dtype=np.float64)
+    for name, column, elongation in zip(coupling.drives, J.T, elongations, strict=True):
+        if abs(elongation) <= 1e-9 * float(np.abs(elongations).max(initial=0.0)):
+            continue
+        drive = stage.drive(name)
+        at = at + column * elongation
+        turns, voltage = _amount(drive, float(elongation))
+        settings.append(
+            DriveSetting(
+                drive=name,
+                elongation=float(elongation),
+                turns=turns,
+                voltage=voltage,
+                back=_back(drive, float(elongation), turns),
+                eccentricity=float(np.hypot(*at.round(_DECIMALS))),
+            )
+        )
+    return MoveSettings(
+        stage=stage.name,
+        drives=tuple(settings),
+        radius=radius,
+        target=target,
+        success=() if not target else tuple(_success(stage, move, J, uncertainty, target)),
+        notes=tuple(_notes(stage)),
+    )
+
+
+def settings_of(centred: CentredRecords, source: str) -> MoveSettings:
+    """Return the settings of a stage, by name or file, for the move of the last setup."""
+    last = centred.reports[-1]
+    if "move" not in last:
+        raise ModelError(
+            "the records give no eccentricity, so that there is no move to set: give --radius and "
+            "--kind, or --table"
+        )
+    request = centred.request
+    table = None
+    if isinstance(request, CentreRequest) and request.table is not None:
+        table = read_table(request.table)
+    move = last["move"]
+    return move_settings(
+        find_stage(source),
+        np.array([move["x"], move["y"]]),
+        np.array([move["uncertainty_x"], move["uncertainty_y"]]),
+        radius=table.scale.radius if table else None,
+        target=allowed_eccentricity(table) if table else None,
+    )
+
+
+def _amount(drive: Drive, elongation: float) -> tuple[float | None, float | None]:
+    """Return turns of a screw, or volts of a stack."""
+    stroke = drive.mounted.stroke
+    if stroke is None or not isinstance(drive, Screw | PiezoStack):
+        raise ModelError(
+            f"drive '{drive.name}' has neither turns nor volts: give a screw or a piezo stack"
+        )
+    if abs(elongation) > stroke:
+        raise ModelError(
+            f"the move needs {1e6 * abs(elongation):.1f} um of drive '{drive.name}', whose stroke "
+            f"is {1e6 * stroke:.1f} um: mount the scale closer to the axis, or take a stage with a "
+            "larger stroke"
+        )
+    if isinstance(drive, Screw):
+        return elongation / drive.pitch, None
+    low, high = drive.voltage_range or VOLTAGE_RANGE
+    return None, (high - low) * elongation / stroke
+
+
+def _back(drive: Drive, elongation: float, turns: float | None) -> float:
+    """Return how far a drive goes back first; nothing if it moves forwards."""
+    if elongation >= 0.0 or not isinstance(drive, Screw) or turns is None:
+        return 0.0
+    return -turns + max(_BACK, 10.0 * BACKLASH / drive.pitch)
+
+
+def _success(
+    stage: Stage, move: Array, J: Array, uncertainty: Array, target: float
+) -> Iterator[float]:
+    """Return the probability that the eccentricity is below the target after each move."""
+    gain, step = np.empty(2), np.empty(2)
+    for k, axis in enumerate(("x", "y")):
+        drive, ratio = stage.drive_of(axis), abs(J[k]).max()
+        stroke = drive.mounted.stroke or 0.0
+        share = loop_share(stage, axis, ratio * stroke) if _is_stack(drive) else 0.0
+        gain[k] = math.hypot(RATIO_UNCERTAINTY, share)
+        step[k] = ratio * (drive.smallest_displacement or stroke / 2**CONVERTER_BITS)
+    rng = np.random.default_rng(0)
+    left = np.tile(move, (_DRAWS, 1))
+    for _ in range(_MOVES):
+        left = left * rng.normal(0.0, gain, left.shape) + rng.normal(0.0, uncertainty, left.shape)
+        left += step * rng.uniform(-0.5, 0.5, left.shape)
+        yield float(np.mean(np.hypot(*left.T) < target))
+
+
+def _is_stack(drive: Drive) -> bool:
+    return isinstance(drive, PiezoStack)
+
+
+def _notes(stage: Stage) -> Iterator[str]:
+    drives = [stage.drive_of(axis) for axis in ("x", "y")]
+    if any(isinstance(d, Screw) for d in drives):
+        yield (
+            "screws end forwards, which takes out their backlash: for a move back, turn back as "
+            "far as stated, then forwards to the setting"
+        )
+    if any(map(_is_stack, drives)):
+        yield (
+            "voltages are without hysteresis: go to the lowest voltage first and approach every "
+            "setting from below"
+        )
+    yield (
+        f"the ratios are those of the model, taken as {100.0 * RATIO_UNCERTAINTY:.0f} % uncertain: "
+        "measure again after the move"
+    )

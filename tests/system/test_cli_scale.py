@@ -1,0 +1,159 @@
+"""`flexstage scale` and the settings of `flexstage centre --stage`."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexstage.base.errors import ModelError
+from flexstage.centring import ARCSEC
+from flexstage.centring.error_budget import allowed_eccentricity
+from flexstage.centring.table_file import RotaryTable, table_from_text
+from flexstage.cli import main
+from flexstage.stage.designs import StageTemplate, design
+from flexstage.studies.explore.prepare import problem_of
+from flexstage.studies.explore.requests import OptimiseRequest
+from flexstage.studies.requests import ScaleRequest
+from flexstage.studies.scale import study_scale
+from flexstage.studies.settings import RATIO_UNCERTAINTY, move_settings
+from flexstage.virtual.as_built import loop_share
+
+TABLE = """
+table: 1
+name: comparator
+scale: {radius: 48 mm, eccentricity: 50 um, mass: 250 g, tilt: 20 arcsec}
+heads: {angles: [0 deg, 92 deg, 178 deg, 275 deg], noise: 0.1 arcsec, gap_change: 50 um}
+axis: {axial: 1 um, speed: 10 rpm}
+mounting_angle: 30 deg
+space: {diameter: 400 mm, height: 12 mm, hole: 20 mm}
+tolerance: {error: 2 arcsec, reading: each, eccentricity: 0.3 um}
+"""
+
+
+def judged(text: str = TABLE, *stages: str):
+    study = study_scale(table_from_text(text), ScaleRequest(stage=stages))
+    return {stage.name: stage for stage in study.stages}, study
+
+
+def test_both_study_stages_are_judged_with_reasons() -> None:
+    stages, study = judged()
+    assert len(stages) >= 6
+    assert "stroke x 67.5 µm, 100 µm needed" in stages["vgtu-piezo"].reason
+    assert not stages["vgtu-piezo"].suits
+    # by hand: 2 * 50 um; sqrt(2) * half of the allowed eccentricity
+    needs = {need.what: need.limit for need in study.needs}
+    assert needs["stroke"] == pytest.approx(100e-6)
+    assert needs["step"] == pytest.approx(study.allowed / math.sqrt(2.0))
+    assert not stages["gantry"].suits
+    assert "step x 0.500 µm" in stages["gantry"].reason
+    assert not stages["stacked-xy"].suits
+    assert "several plates" in stages["stacked-xy"].reason
+    assert any("shim of 9.31 µm" in note for note in study.notes)
+
+
+def test_the_circle_is_about_the_point_that_probes_read() -> None:
+    (stage,) = judged(TABLE, "vgtu-mechanical")[0].values()
+    values = {need.what: need.value for need in stage.needs}
+    described = design("vgtu-mechanical")
+    at = next(p.at for p in described.probes if p.body == "PY")
+    corners = np.array([p for body in described.bodies for p in body.outline.points])
+    farthest = np.hypot(*(corners - at).T).max()
+    assert values["circle about the axis"] == pytest.approx(2.0 * farthest, rel=1e-6)
+    # the hole of the platform, of 24 mm
+    assert values["hole about the axis"] == pytest.approx(24e-3, rel=1e-3)
+
+
+def test_forces_of_rotation_grow_with_the_square_of_speed() -> None:
+    def stiffness(speed: str) -> float:
+        text = TABLE.replace("10 rpm", speed)
+        (stage,) = judged(text, "vgtu-mechanical")[0].values()
+        return next(n.limit for n in stage.needs if n.what == "output stiffness")
+
+    assert stiffness("30 rpm") == pytest.approx(9.0 * stiffness("10 rpm"))
+
+
+def test_needs_are_constraints_of_an_optimisation(tmp_path: Path) -> None:
+    path = tmp_path / "t.yaml"
+    path.write_text(TABLE)
+    request = OptimiseRequest(minimise=("mass",), for_=str(path))
+    template = StageTemplate.of("vgtu-mechanical")
+    kept = {r.figure.name for r in problem_of(request, template).requirements}
+    plain = problem_of(OptimiseRequest(minimise=("mass",)), template)
+    new = kept - {r.figure.name for r in plain.requirements}
+    assert {"resolution.x", "resolution.y", "thickness"} <= new
+
+
+def test_settings_move_the_scale_onto_the_axis() -> None:
+    stage = design("vgtu-mechanical")
+    move, u = np.array([-21e-6, 45e-6]), np.array([1e-8, 1e-8])
+    settings = move_settings(stage, move, u, radius=50e-3, target=0.3e-6)
+    x, y = settings.drives
+    pitch = stage.drive("x").pitch
+    # ratios of the study's stage by the lumped model: 0.3301 and 0.3371
+    assert x.turns == pytest.approx(-21e-6 / 0.3301 / pitch, rel=1e-3)
+    assert y.turns == pytest.approx(45e-6 / 0.3371 / pitch, rel=1e-3)
+    assert x.back > -x.turns
+    assert y.back == 0.0
+    assert x.eccentricity == pytest.approx(45e-6, rel=1e-6)
+    assert y.eccentricity < 1e-12
+    piezo = move_settings(design("vgtu-piezo"), move, u)
+    assert piezo.success == ()
+    assert piezo.drives[1].voltage == pytest.approx(45e-6 / 1.6938 / 38e-6 * 120.0, rel=1e-3)
+    with pytest.raises(ModelError, match="mount the scale closer to the axis"):
+        move_settings(stage, 10.0 * move, u)
+
+
+def test_success_of_one_move_is_that_of_its_normal_scatter() -> None:
+    # equal scatter of both axes: 1 - exp(-t^2 / 2 sigma^2)
+    stage = design("bridge-xy")
+    move, u, target = np.array([30e-6, 30e-6]), np.array([0.2e-6, 0.2e-6]), 4e-6
+    settings = move_settings(stage, move, u, target=target)
+    gain = math.hypot(RATIO_UNCERTAINTY, loop_share(stage, "x", 197e-6))
+    variance = (gain * 30e-6) ** 2 + 0.2e-6**2
+    assert settings.success[0] == pytest.approx(-math.expm1(-0.5 * target**2 / variance), abs=0.01)
+    assert list(settings.success) == sorted(settings.success)
+    assert settings.success[-1] > 0.99
+
+
+def test_the_commands_print_budget_verdict_and_settings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "t.yaml"
+    path.write_text(TABLE)
+    with pytest.raises(SystemExit) as ended:
+        main(["scale", str(path), "--stage", "vgtu-mechanical", "--json"])
+    assert not ended.value.code
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["stages"][0]["suits"]
+    eccentric = printed["contributions"][0]
+    assert eccentric["each"] / ARCSEC == pytest.approx(206264.806 * 50e-6 / 48e-3, rel=1e-6)
+    table = table_from_text(TABLE)
+    assert isinstance(table, RotaryTable)
+    assert printed["allowed_eccentricity"]["value"] == allowed_eccentricity(table)
+    with pytest.raises(SystemExit) as ended:
+        main(["scale", str(path), "--stage", "vgtu-piezo"])
+    assert ended.value.code == 1
+    shown = capsys.readouterr().out
+    assert "What the stage needs" in shown
+    assert "vgtu-piezo" in shown
+
+    theta = np.arange(720) * np.pi / 360.0
+    error = 0.04 / 48.0 * np.sin(theta - 0.4)
+    np.savetxt(
+        tmp_path / "r.csv", np.degrees([theta, error]).T, delimiter=",", comments="",
+        header="angle,error",
+    )  # fmt: skip
+    path.write_text(TABLE.replace("0 deg, 92 deg, 178 deg, 275 deg", "0 deg"))
+    words = ["centre", str(tmp_path / "r.csv"), "--unit", "deg", "--table", str(path)]
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--stage", "vgtu-mechanical", "--json"])
+    assert not ended.value.code
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["eccentricity"]["value"] == pytest.approx(40e-6, rel=1e-3)
+    assert {d["drive"] for d in printed["settings"]["drives"]} == {"x", "y"}
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--radius", "48 mm"])
+    assert ended.value.code == 2
+    assert "--table describes --radius already" in capsys.readouterr().err
