@@ -18,9 +18,9 @@ from flexstage.centring.error_budget import (
 from flexstage.centring.table_file import (
     Graduation,
     Heads,
+    MountedScale,
     RotaryTable,
     RotationAxis,
-    Scale,
     Tolerance,
     read_table,
     table_from_text,
@@ -30,7 +30,7 @@ THETA = 2.0 * np.pi * np.arange(3600) / 3600
 ONE = (0.3,)
 TABLE = RotaryTable(
     name="comparator",
-    scale=Scale(radius=48e-3, eccentricity=50e-6),
+    scale=MountedScale(radius=48e-3, eccentricity=50e-6),
     heads=Heads(angles=ONE),
     tolerance=Tolerance(error=1.0 * ARCSEC, reading="each"),
 )
@@ -62,7 +62,7 @@ def read_by(angles: tuple[float, ...], kind: str = "disc", **of_scale) -> tuple[
 )
 def test_each_cause_is_that_of_the_exact_geometry(kind, scale, of_scale, angles) -> None:
     described = replace(
-        TABLE, scale=Scale(kind=kind, radius=48e-3, **scale), heads=Heads(angles=angles)
+        TABLE, scale=MountedScale(kind=kind, radius=48e-3, **scale), heads=Heads(angles=angles)
     )
     one, mean = read_by(angles, kind, **of_scale)
     rows = contributions(described, described.scale.eccentricity)

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from flexstage.base.errors import FlexstageError
+from flexstage.centring import read_table
 from flexstage.experiments import plan_stage, read_campaign, read_plan
 from flexstage.experiments.runner import read_state
 from flexstage.hysteresis.model_file import read_model_file
@@ -36,6 +37,7 @@ from tests.golden.broken_cases import (
     run_metadata,
     stage,
     stage_parameters,
+    table,
 )
 from tests.golden.broken_cases.ways import ANY_JSON, ANY_YAML, Edit
 
@@ -162,6 +164,10 @@ def kinds() -> dict[str, Kind]:
         "budget": Kind(
             file="budget.yaml", text=budget.TEXT, read=read_budget, places=PLACES,
             edits={**ANY_YAML, **budget.EDITS},
+        ),
+        "table": Kind(
+            file="table.yaml", text=table.TEXT, read=read_table, places=PLACES,
+            edits={**ANY_YAML, **table.EDITS},
         ),
         "recording": Kind(
             file="run.h5", text=run_metadata.TEXT, read=file_summary, write=recording,

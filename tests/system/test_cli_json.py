@@ -34,6 +34,7 @@ REFUSED = {
     "characterise": ["nowhere.yaml"],
     "frf": ["nowhere.csv", "--input", "0", "--output", "1"],
     "uncertainty": ["nowhere.yaml"],
+    "scale": ["nowhere.yaml"],
     "centre": ["nowhere.csv", "--error", "1", "--angle", "0"],
     "run": ["nowhere.yaml"],
     "twin": ["nowhere.yaml"],

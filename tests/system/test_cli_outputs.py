@@ -26,6 +26,7 @@ WRITING = [
     ["frf", "r.csv", "--input", "0", "--output", "1", "--out"],
     ["frf", "r.csv", "--input", "0", "--output", "1", "--figure"],
     ["uncertainty", "b.yaml", "--figure"],
+    ["scale", "t.yaml", "--figure"],
     ["centre", "r.csv", "--error", "1", "--angle", "0", "--figure"],
     ["part", "p.step", "--figure"],
     ["run", "vgtu-piezo", "--instrument", "twin://", "--folder"],

@@ -14,6 +14,7 @@ from netgen.occ import Box
 
 import flexstage as fs
 from flexstage.base.errors import ModelError
+from flexstage.centring import read_table
 from flexstage.cli import main
 from flexstage.elasticity.requests import PartRequest
 from flexstage.experiments import dry_run, find_plan, read_plan
@@ -45,7 +46,9 @@ from flexstage.report.figures.style import encode
 from flexstage.studies import compare_measurement, run_study
 from flexstage.studies.explore.requests import SensitivityRequest, SweepRequest
 from flexstage.studies.models import run_models
-from flexstage.studies.requests import AnalyseRequest, ModelOptions, StudyRequest
+from flexstage.studies.requests import AnalyseRequest, ModelOptions, ScaleRequest, StudyRequest
+from flexstage.studies.scale import study_scale
+from tests.golden.broken_cases.table import TEXT as TABLE
 
 BUDGET = """
 quantity: gap
@@ -86,6 +89,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     h += 1e-9 * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size))
     table("response.csv", "frequency (Hz),real (m/N),imaginary (m/N)", f, h.real, h.imag)
     Path("budget.yaml").write_text(BUDGET, encoding="utf-8")
+    Path("table.yaml").write_text(TABLE, encoding="utf-8")
     Box((0, 0, 0), (30.0, 4.0, 3.0)).WriteStep("bar.step")
     run("identify", *IDENTIFY.split()[1:], "--out", "m.yaml")
     yield
@@ -98,7 +102,7 @@ def run(*words: str) -> int:
     return int(ended.value.code or 0)
 
 
-WITHOUT_PROGRESS = {"hinges", "excite", "predict", "compensate", "centre"}
+WITHOUT_PROGRESS = {"hinges", "excite", "predict", "compensate", "centre", "scale"}
 IDENTIFY = "identify drive.csv --input u --output y --model dahl --known delay=0s"
 
 
@@ -217,6 +221,10 @@ JOBS = {
     "uncertainty": Job(
         "uncertainty budget.yaml --trials 20000",
         lambda: evaluate_budget(read_budget(Path("budget.yaml")), trials=20_000),
+    ),
+    "scale": Job(
+        "scale table.yaml --stage vgtu-mechanical",
+        lambda: study_scale(read_table("table.yaml"), ScaleRequest(stage=("vgtu-mechanical",))),
     ),
     "centre": Job(
         "centre turn.csv --angle 0 --error 1 --radius 50mm --kind disc",

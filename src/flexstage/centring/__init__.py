@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from flexstage.centring.harmonics import fit_harmonics, fit_many
     from flexstage.centring.move import Positioner
     from flexstage.centring.procedure import CentreReading, Centring, centre
+    from flexstage.centring.table_file import RotaryTable, read_table
     from flexstage.centring.turns import Turns
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "Harmonic",
     "HeadReadings",
     "Positioner",
+    "RotaryTable",
     "ScaleReadings",
     "Turns",
     "against_reference",
@@ -51,6 +53,7 @@ __all__ = [
     "fit_many",
     "mean_turn",
     "order_visibility",
+    "read_table",
     "response_to_moves",
     "run_out",
     "self_calibration",

@@ -25,7 +25,7 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Contribution:
+class ReadingError:
     """Error of a reading by one cause."""
 
     cause: str
@@ -69,7 +69,7 @@ def transmission_to_mean(table: RotaryTable, order: int) -> float:
     return float(share) if share > _ROUNDING else 0.0
 
 
-def contributions(table: RotaryTable, eccentricity: float) -> tuple[Contribution, ...]:
+def contributions(table: RotaryTable, eccentricity: float) -> tuple[ReadingError, ...]:
     r"""Return the errors of one head, and of the mean of all heads, by their causes.
 
     With the relative eccentricity x = e / R, a disc reads x at order 1 and x^2 / 2 at order 2, a
@@ -87,7 +87,7 @@ def contributions(table: RotaryTable, eccentricity: float) -> tuple[Contribution
 
     Returns
     -------
-    tuple of Contribution
+    tuple of ReadingError
         In the order of the causes: scale, heads, axis.
 
     Notes
@@ -114,12 +114,12 @@ def contributions(table: RotaryTable, eccentricity: float) -> tuple[Contribution
     return tuple(c for c in _every(table, eccentricity) if c.each or c.mean)
 
 
-def _every(table: RotaryTable, eccentricity: float) -> Iterator[Contribution]:
+def _every(table: RotaryTable, eccentricity: float) -> Iterator[ReadingError]:
     scale, heads, axis = table.scale, table.heads, table.axis
     x, number = eccentricity / scale.radius, len(heads.angles)
 
-    def of_scale(cause: str, order: int, size: float, *, centred: bool = False) -> Contribution:
-        return Contribution(
+    def of_scale(cause: str, order: int, size: float, *, centred: bool = False) -> ReadingError:
+        return ReadingError(
             cause=cause,
             order=order,
             distribution="sine",
@@ -131,7 +131,7 @@ def _every(table: RotaryTable, eccentricity: float) -> Iterator[Contribution]:
     yield of_scale("eccentricity", 1, x, centred=True)
     next_order = (2, 0.5 * x**2) if scale.kind == "disc" else (3, x**3 / 24.0)
     yield of_scale("eccentricity", *next_order, centred=True)
-    yield Contribution(
+    yield ReadingError(
         cause="eccentricity at uncertain angles of heads",
         order=1,
         distribution="normal",
@@ -144,14 +144,14 @@ def _every(table: RotaryTable, eccentricity: float) -> Iterator[Contribution]:
     for line in scale.graduation:
         yield of_scale("graduation", line.order, line.amplitude)
     # independent from head to head
-    yield Contribution(
+    yield ReadingError(
         cause="interpolation",
         order=scale.lines,
         distribution="sine",
         each=heads.interpolation,
         mean=heads.interpolation / math.sqrt(number),
     )
-    yield Contribution(
+    yield ReadingError(
         cause="noise of heads",
         order=None,
         distribution="normal",
@@ -165,7 +165,7 @@ def _every(table: RotaryTable, eccentricity: float) -> Iterator[Contribution]:
         ("asynchronous radial motion", axis.radial_asynchronous),
     ):
         size = 0.5 * motion / scale.radius
-        yield Contribution(
+        yield ReadingError(
             cause=cause,
             order=None,
             distribution="limits" if "asynchronous" in cause else "sine",

@@ -185,7 +185,7 @@ def with_table(request: CentreRequest) -> CentreRequest:
     """Return a request with heads, radius, kind and mounting angle of its table."""
     if request.table is None:
         return request
-    given = [
+    described = [
         option
         for option, value in (
             ("--heads", request.heads),
@@ -195,8 +195,8 @@ def with_table(request: CentreRequest) -> CentreRequest:
         )
         if value
     ]
-    if given:
-        raise RecordError(f"--table describes {given[0]} already: omit one of them")
+    if described:
+        raise RecordError(f"--table describes {described[0]} already: omit one of them")
     table = read_table(request.table)
     return replace(
         request,

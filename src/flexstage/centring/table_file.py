@@ -30,7 +30,7 @@ class Graduation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scale:
+class MountedScale:
     """The scale as it is mounted, before it is centred."""
 
     kind: ScaleKind = "disc"
@@ -127,7 +127,7 @@ class RotaryTable:
 
     name: str
     """Name."""
-    scale: Scale
+    scale: MountedScale
     """The scale."""
     heads: Heads
     """The heads."""

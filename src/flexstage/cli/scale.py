@@ -24,7 +24,9 @@ def scale(
     figure: FigureFile = None,
     json: JsonOption = False,
 ) -> None:
-    """Find what a rotary table needs to centre its scale, and which stages have it.
+    """Find which stages can centre the scale of a rotary table.
+
+    The error budget of the table gives the eccentricity that its tolerance allows.
 
     Parameters
     ----------

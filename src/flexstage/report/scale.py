@@ -92,19 +92,14 @@ def one_stage_table(judged: JudgedStage) -> Table:
 def settings_table(settings: MoveSettings) -> Table:
     """Return the settings of the drives, in their order, and what a head reads after each."""
 
-    def amount(value: float | None, unit: str) -> str:
-        return "" if value is None else f"{value:+.4g} {unit}"
-
     def cells(d: DriveSetting) -> tuple[str, ...]:
-        back = f"first {d.back:.4g} turns back, then forwards" if d.back else ""
-        reading = "" if settings.radius is None else _arcsec(d.eccentricity / settings.radius)
         return (
             d.drive,
             f"{1e6 * d.elongation:+.3f}",
-            amount(d.turns, "turns") or amount(d.voltage, "V"),
-            back,
+            f"{d.voltage:+.4g} V" if d.turns is None else _turned(d.turns),
+            _turned(-d.back) if d.back else "",
             f"{1e6 * d.eccentricity:.3f}",
-            reading,
+            "" if settings.radius is None else _arcsec(d.eccentricity / settings.radius),
         )
 
     chances = ", ".join(
@@ -116,9 +111,16 @@ def settings_table(settings: MoveSettings) -> Table:
     return table(
         f"Move of {settings.stage}, drive by drive",
         (
-            "drive", "elongation, µm", "setting", "<", "eccentricity after, µm",
-            "amplitude of one head, arcsec",
+            "drive", "elongation, µm", "setting", "~first back", "eccentricity after, µm",
+            "one head reads, arcsec",
         ),
         [cells(d) for d in settings.drives],
         notes=notes,
     )  # fmt: skip
+
+
+def _turned(turns: float) -> str:
+    """Return a rotation in full turns and degrees."""
+    full = int(turns)
+    degrees = f"{360.0 * (turns - full):+.1f} deg"
+    return f"{full:+d} turn{'s' if abs(full) > 1 else ''} {degrees}" if full else degrees

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from flexstage.base.errors import FlexstageError
 from flexstage.centring.error_budget import (
-    Contribution,
+    ReadingError,
     allowed_eccentricity,
     contributions,
     expanded_uncertainty,
@@ -129,9 +129,9 @@ class ScaleStudy(Result):
     """The table."""
     model: str
     """Model of the stages."""
-    mounted: tuple[Contribution, ...]
+    mounted: tuple[ReadingError, ...]
     """Contributions with the scale as mounted."""
-    centred: tuple[Contribution, ...]
+    centred: tuple[ReadingError, ...]
     """The same with the allowed eccentricity."""
     allowed: float
     """Largest eccentricity after centring [m]."""

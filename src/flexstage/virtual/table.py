@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ScaleKind, exact_error
 from flexstage.centring.move import Positioner, PositionerAxis
 from flexstage.centring.procedure import CentreReading, centre_reading, table_reading
+from flexstage.centring.table_file import RotaryTable
 from flexstage.centring.turns import whole_orders
 from flexstage.records import Channel, Record
 from flexstage.stage import PiezoStack, Screw, Stage
@@ -441,6 +442,43 @@ class VirtualTable:
                 f"a record needs at least 3 samples per turn and 1 turn, got {self.samples} and "
                 f"{self.turns}"
             )
+
+    @classmethod
+    def described(cls, table: RotaryTable, *, direction: float = 0.0, seed: int = 0) -> Self:
+        """Return a described table with its largest eccentricity in a direction [rad].
+
+        The angles of the heads are off by their uncertainty, and errors of the lines have phases,
+        by the seed. The synchronous motion is along x, twice per turn. Tilt of scale and axis, and
+        the error within a period of the signal, are not simulated.
+        """
+        scale, heads, axis = table.scale, table.heads, table.axis
+        rng = np.random.default_rng(seed)
+        phases = rng.uniform(0.0, 2.0 * np.pi, len(scale.graduation))
+        amplitudes = np.array([line.amplitude for line in scale.graduation])
+        off = rng.normal(0.0, heads.angle_uncertainty, len(heads.angles))
+        return cls(
+            radius=scale.radius,
+            heads=heads.angles,
+            eccentricity=(
+                scale.eccentricity * math.cos(direction),
+                scale.eccentricity * math.sin(direction),
+            ),
+            noise=heads.noise,
+            head_angle_errors=tuple(off),
+            scale=ScaleErrors(
+                orders=tuple(line.order for line in scale.graduation),
+                cosine=amplitudes * np.cos(phases),
+                sine=amplitudes * np.sin(phases),
+            ),
+            kind=scale.kind,
+            ellipticity=scale.ellipticity / scale.radius,
+            axis_orders=(2,),
+            axis_motion=np.array([[0.5 * axis.radial_synchronous, 0.0, 0.0, 0.0]]),
+            # anywhere within its range
+            asynchronous=0.5 * axis.radial_asynchronous / math.sqrt(3.0),
+            turns=2,
+            seed=seed,
+        )
 
     @property
     def apparent_eccentricity(self) -> Array:

@@ -72,13 +72,16 @@ def draw_polar(
 def draw_error_budget(study: "ScaleStudy") -> "Figure":
     """Draw what each cause adds to the uncertainty of a reading, as mounted and centred."""
     reading = study.table.tolerance.reading
+    # causes that reach this reading
+    sets = [
+        (label, [row for row in rows if (row.mean if reading == "mean" else row.each) > 0.0])
+        for label, rows in (("as mounted", study.mounted), ("centred", study.centred))
+    ]
     names = [
-        row.cause if row.order is None else f"{row.cause}, order {row.order}"
-        for row in study.mounted
+        row.cause if row.order is None else f"{row.cause}, order {row.order}" for row in sets[0][1]
     ]
     figure = new_figure(8.6, 1.6 + 0.36 * len(names))
     axes = figure.add_subplot()
-    sets = (("as mounted", study.mounted), ("centred", study.centred))
     least = 1e-4 * study.table.tolerance.error / ARCSEC
     for k, (label, rows) in enumerate(sets):
         sizes = [max(COVERAGE * row.uncertainty(reading) / ARCSEC, least) for row in rows]
