@@ -2,16 +2,21 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from flexstage.base.errors import PlanError
+from flexstage.base.progress import listen
+from flexstage.centring import ARCSEC
 from flexstage.experiments import VerifiedStep, find_plan, read_plan, run_plan
 from flexstage.experiments.plan import plan_from_text
 from flexstage.experiments.verbs.centre import CentredStep
 from flexstage.instruments.connect import connect
 from flexstage.lumped import lumped_system
+from flexstage.records import write_record
 from flexstage.stage.designs import design
 from flexstage.system import modes
+from flexstage.virtual import VirtualTable
 from tests.result_schema import require_valid
 
 SENSORS = """\
@@ -168,3 +173,53 @@ def test_a_plan_that_strikes_is_refused_before_anything_moves(tmp_path):
         assert not (tmp_path / "run").exists()
         # its other steps are possible
         run_plan(plan, WithoutHammer(instrument), tmp_path / "run", only=("hold-x",))
+
+
+def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatch):
+    # the person sees what file is wanted, turns the table and writes it
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "turns").mkdir()
+    plan = plan_from_text(
+        SENSORS
+        + "  - {name: fine, centre: {heads: [0 deg, 92 deg, 178 deg], mounting_angle: 23 deg,"
+        " target: 0.2 um, records: {folder: turns, angle: angle,"
+        " error: [head 1, head 2, head 3], wait: 20 s}}}\n"
+    )
+    table = VirtualTable(
+        radius=50e-3,
+        heads=tuple(np.radians([0.0, 92.0, 178.0])),
+        eccentricity=(14e-6, -11e-6),
+        noise=1.0 * ARCSEC,
+        turns=2,
+    )
+    c, s = np.cos(np.radians(23.0)), np.sin(np.radians(23.0))
+    rest, left = [], []
+
+    with connect("twin://?seed=11&model=lumped&quiet=1&scatter=0", design("vgtu-piezo")) as twin:
+
+        def heard(what: str, _: float) -> None:
+            if "turn the table and write" not in what:
+                return
+            at = np.array([twin.channel(1), twin.channel(2)])
+            rest[:] = rest or [at]
+            bench = table.moved(*np.array([[c, -s], [s, c]]) @ (at - rest[0]))
+            left.append(float(np.hypot(*bench.eccentricity)))
+            write_record(bench.record(index=len(left)), tmp_path / what.split(" write ")[1])
+
+        with listen(heard):
+            found = run_plan(plan, twin, tmp_path / "run")
+    (step,) = found.steps
+    assert step.reached
+    assert left[0] == pytest.approx(np.hypot(14e-6, 11e-6), rel=1e-6)
+    assert left[-1] < 0.2e-6
+    assert len(left) == len(step.moves)
+    assert "simulated" not in step.line
+    assert all(move.true_length is None for move in step.moves)
+    again = plan_from_text(
+        SENSORS + "  - {name: fine, centre: {records: {folder: none, wait: 1 s}}}"
+    )
+    with (
+        connect("twin://?seed=11&model=lumped&quiet=1", design("vgtu-piezo")) as twin,
+        pytest.raises(PlanError, match=r"no record none.fine-0\.csv was written within 1 s"),
+    ):
+        run_plan(again, twin, tmp_path / "other")

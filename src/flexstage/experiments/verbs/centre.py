@@ -1,19 +1,23 @@
-"""Verb *centre*: the centring of an encoder scale with the stage on a simulated rotary table."""
+"""Verb *centre*: the centring of an encoder scale with the stage, by records or simulated."""
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import count, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
+from flexstage.base import progress
 from flexstage.base.arrays import Array
 from flexstage.base.choose import has_no
 from flexstage.base.errors import PlanError
+from flexstage.centring.geometry import ScaleKind
 from flexstage.centring.move import Positioner, PositionerAxis
-from flexstage.centring.requests import HeadAngles, MountingAngle, ScaleRadius
+from flexstage.centring.requests import CentreRequest, HeadAngles, MountingAngle, ScaleRadius
 from flexstage.experiments.axis_limits import AxisSetting, axis_setting, estimated_stroke
 from flexstage.experiments.command import prepare_loops
 from flexstage.experiments.verb import (
@@ -27,16 +31,17 @@ from flexstage.experiments.verb import (
 )
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
-from flexstage.files.ranges import Range, Seed, require_ranges
+from flexstage.files.ranges import POSITIVE, Range, Seed, require_ranges
 from flexstage.files.write import write_whole
 from flexstage.instruments.protocol import Capability, Instrument
 from flexstage.instruments.ramp import lead_to
 from flexstage.quantities.section import Section
 from flexstage.quantities.table import table
-from flexstage.quantities.units import DIMENSIONS, Angle, Length
+from flexstage.quantities.units import DIMENSIONS, Angle, Length, Time
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
+    from flexstage.centring.procedure import CentreReading
     from flexstage.quantities.section import Content
     from flexstage.virtual.table import VirtualTable
 
@@ -49,19 +54,42 @@ _RESULT = Format(
     exact=True,
     mend="remove the file, and continue the run with --resume, which repeats the step",
 )
-_NOTES = ("simulated table and heads; the position of the scale follows from the stage's sensors",)
+_SIMULATED = "simulated table and heads"
+_NOTES = (f"{_SIMULATED}; the position of the scale follows from the stage's sensors",)
+#: Seconds between two looks for a record.
+_POLL = 0.2
 _UM = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedTurns:
+    """Records of the heads, one file for each position of the stage."""
+
+    folder: str
+    """Folder in which the files appear, as STEP-0.csv, STEP-1.csv and so on."""
+    angle: str | None = None
+    """Column of the true angle of the table."""
+    error: tuple[str, ...] = ()
+    """Columns of the errors of the heads, or of indicators on the rim."""
+    unit: str | None = None
+    """Unit of angle and errors, where the files do not state it."""
+    kind: ScaleKind = "disc"
+    """Kind of scale."""
+    wait: Annotated[Time, POSITIVE] = 3600.0
+    """Longest time to wait for a file [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Centre(Verb):
-    """Centre an encoder scale on a rotary table; table and heads are simulated."""
+    """Centre an encoder scale on a rotary table, by records of its heads or simulated."""
 
     verb: ClassVar[str] = "centre"
     moving: ClassVar[bool] = True
 
     axes: tuple[str, str] = ("x", "y")
     """The two axes that carry the scale."""
+    records: RecordedTurns | None = None
+    """Records of the heads; without them table and heads are simulated."""
     sensors: tuple[str, str] = ("x", "y")
     """The sensors of their positions."""
     radius: ScaleRadius = 50e-3
@@ -107,7 +135,8 @@ class Centre(Verb):
     def preview(self, context: PlanContext, name: str) -> PlannedStep:
         for axis in self.axes:
             axis_setting(context.stage, axis, closed_loop=True)
-        what = f"up to {self.moves + 2} moves of {', '.join(self.axes)}"
+        source = _SIMULATED if self.records is None else f"turns read from {self.records.folder}"
+        what = f"up to {self.moves + 2} moves of {', '.join(self.axes)}; {source}"
         return PlannedStep(name=name, verb=self.verb, what=what)
 
     def table(self) -> "VirtualTable":
@@ -138,10 +167,15 @@ class Centre(Verb):
             angle=self.mounting_angle,
         )
         positioner.to_middle()
-        bench = VirtualBench(self.table(), positioner)
-        centring = centre(bench.measure, positioner, target=self.target, moves=self.moves)
+        true_lengths: Iterable[float | None] = repeat(None)
+        if self.records is None:
+            bench = VirtualBench(self.table(), positioner)
+            measure, true_lengths = bench.measure, bench.true_lengths
+        else:
+            measure = self._measure(name, self.records)
+        centring = centre(measure, positioner, target=self.target, moves=self.moves)
         moves = []
-        for step, true in zip(centring.steps, bench.true_lengths, strict=True):
+        for step, true in zip(centring.steps, true_lengths, strict=False):
             length = step.reading.length
             moves.append(
                 CentredMove(
@@ -161,12 +195,37 @@ class Centre(Verb):
             reached=centring.reached,
             reason=centring.reason,
             moves=tuple(moves),
-            notes=_NOTES,
+            notes=_NOTES if self.records is None else (),
         )
         target = context.folder / "records" / f"{name}.json"
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, json.dumps(asdict(result), indent=1) + "\n")
         return [target]
+
+    def _measure(self, name: str, records: RecordedTurns) -> Callable[[], "CentreReading"]:
+        """Return the function that waits for the next record and returns its eccentricity."""
+        from flexstage.centring.from_records import centre_files
+        from flexstage.centring.procedure import centre_reading
+
+        request = CentreRequest(
+            angle=records.angle,
+            error=records.error,
+            unit=records.unit,
+            heads=self.heads if len(records.error) > 1 else (),
+            radius=self.radius,
+            kind=records.kind,
+        )
+        numbers = count()
+
+        def measure() -> "CentreReading":
+            file = Path(records.folder) / f"{name}-{next(numbers)}.csv"
+            _await(file, records.wait)
+            (setup,) = centre_files([file], request).setups
+            if setup.centre is None:
+                raise PlanError(f"{file} shows no eccentricity: {'; '.join(setup.notes)}")
+            return centre_reading(setup.centre)
+
+        return measure
 
     def result(
         self, context: RunContext, name: str, files: list[Path], *, now: bool
@@ -191,10 +250,11 @@ class Centre(Verb):
                 lengths = (*m.command, m.length, m.uncertainty, m.predicted, m.true_length)
                 cells = ("" if length is None else f"{length * _UM:.3f}" for length in lengths)
                 rows.append((i, m.kind, *cells))
-            words = (
-                f"Step {step.name}: target {step.target * _UM:.3g} µm; {step.reason}. The scale "
-                "and its heads are simulated, so the true eccentricity is known."
-            )
+            words = f"Step {step.name}: target {step.target * _UM:.3g} µm; {step.reason}."
+            if step.simulated:
+                words += (
+                    " The scale and its heads are simulated, so the true eccentricity is known."
+                )
             content += [words, table("", heads, rows, notes=step.notes)]
         return Section(title="Centring", key="centring", content=tuple(content))
 
@@ -215,8 +275,8 @@ class CentredMove:
     """Its expanded uncertainty at 95 % [m]."""
     predicted: float | None
     """Expected eccentricity after the move [m]; None before the calibration of the moves."""
-    true_length: float
-    """True eccentricity of the simulated scale [m]."""
+    true_length: float | None
+    """True eccentricity of a simulated scale [m]; None for a measured one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -245,12 +305,34 @@ class CentredStep(StepResult):
         }
 
     @property
+    def simulated(self) -> bool:
+        """Whether table and heads are simulated."""
+        return self.moves[0].true_length is not None
+
+    @property
     def line(self) -> str:
         first, last = self.moves[0].length, self.moves[-1].length
+        source = f", {_SIMULATED}" if self.simulated else ""
         return (
-            f"{self.name}: eccentricity {_UM * first:.2f} um reduced to {_UM * last:.3f} um: "
-            f"{self.reason}"
+            f"{self.name}{source}: eccentricity {_UM * first:.2f} um reduced to "
+            f"{_UM * last:.3f} um: {self.reason}"
         )
+
+
+def _await(file: Path, longest: float) -> None:
+    """Wait until a file is there and no longer grows [s]."""
+    end, size = time.monotonic() + longest, -1
+    progress.update(f"turn the table and write {file}")
+    while True:
+        before, size = size, file.stat().st_size if file.exists() else -1
+        if size > 0 and size == before:
+            return
+        if time.monotonic() > end:
+            raise PlanError(
+                f"no record {file} was written within {longest:g} s: write it and continue by "
+                "--resume, or increase wait"
+            )
+        time.sleep(_POLL)
 
 
 #: Relative uncertainty of a move in open loop, and under position control [1].
