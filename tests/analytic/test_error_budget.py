@@ -11,11 +11,13 @@ from flexstage.base.errors import ModelError
 from flexstage.centring import ARCSEC, exact_error
 from flexstage.centring.error_budget import (
     allowed_eccentricity,
+    code_limit,
     contributions,
     expanded_uncertainty,
     transmission_to_mean,
 )
 from flexstage.centring.table_file import (
+    CodeTracks,
     Graduation,
     Heads,
     MountedScale,
@@ -25,6 +27,7 @@ from flexstage.centring.table_file import (
     read_table,
     table_from_text,
 )
+from flexstage.centring.turns import code_faults
 
 THETA = 2.0 * np.pi * np.arange(3600) / 3600
 ONE = (0.3,)
@@ -114,6 +117,47 @@ def test_the_allowed_eccentricity_just_meets_the_tolerance() -> None:
     assert allowed_eccentricity(opposite) == 50e-6
 
 
+def gray_codes(tracks: CodeTracks, eccentricity: float, angles: np.ndarray) -> np.ndarray:
+    """Codes that sensors on a radial line read from a disc, one track for each bit."""
+    radii = np.linspace(tracks.inner, tracks.outer, tracks.bits)
+    code = np.zeros(angles.size, dtype=int)
+    value = np.zeros(angles.size, dtype=int)
+    # the innermost track is the coarsest
+    for k, radius in enumerate(radii):
+        line = angles + exact_error(angles, (eccentricity, 0.0), radius)
+        counted = np.floor(line / tracks.step).astype(int) % 2**tracks.bits
+        bit = ((counted ^ (counted >> 1)) >> (tracks.bits - 1 - k)) & 1
+        value ^= bit  # of the binary number, from the top
+        code = 2 * code + value
+    return code
+
+
+def test_gray_codes_follow_one_another_up_to_the_limit_of_their_tracks() -> None:
+    tracks = CodeTracks(code="gray", bits=10, inner=20e-3, outer=40e-3)
+    angles = 2.0 * np.pi * (np.arange(200_000) + 0.5) / 200_000
+
+    def largest_jump(eccentricity: float) -> int:
+        steps = np.diff(gray_codes(tracks, eccentricity, angles)) % 2**tracks.bits
+        return int(np.minimum(steps, 2**tracks.bits - steps).max())
+
+    assert largest_jump(0.0) == 1
+    assert largest_jump(0.98 * code_limit(tracks)) == 1
+    # the edges of the coarse tracks are not at the angle of the largest displacement
+    assert largest_jump(1.4 * code_limit(tracks)) > 1
+
+
+def test_a_code_limits_the_eccentricity_and_adds_its_step() -> None:
+    tracks = CodeTracks(code="binary", bits=16, inner=30e-3, outer=48e-3)
+    scale = replace(TABLE.scale, tracks=tracks)
+    table = replace(TABLE, scale=scale, tolerance=Tolerance(error=0.01, reading="each"))
+    step = 2.0 * math.pi / 2**16
+    by_hand = 0.5 * step / (1.0 / 30e-3 - 1.0 / 48e-3)
+    assert allowed_eccentricity(table) == pytest.approx(min(50e-6, by_hand), rel=1e-9)
+    assert code_limit(tracks) == pytest.approx(by_hand, rel=1e-12)
+    (row,) = (r for r in contributions(table, 0.0) if "code" in r.cause)
+    assert row.uncertainty("each") == pytest.approx(step / math.sqrt(12.0), rel=1e-9)
+
+
 def test_what_no_stage_can_mend_is_refused() -> None:
     scale = replace(TABLE.scale, graduation=(Graduation(order=5, amplitude=1e-5),))
     with pytest.raises(ModelError, match=r"no stage can mend it; .* 'graduation', 2.92"):
@@ -159,3 +203,28 @@ def test_a_file_is_read(tmp_path: Path) -> None:
     table = read_table(path)
     assert table.axis.speed == pytest.approx(10.0 * 2.0 * math.pi / 60.0)
     assert table.scale.kind == "drum"
+
+
+def test_dead_and_doubled_codes_are_named_and_noise_is_not() -> None:
+    rng = np.random.default_rng(3)
+    number = 256
+    theta = 2.0 * np.pi * rng.uniform(size=60 * number)
+    # 40 um off at 48 mm, 0.03 of a step of noise
+    line = theta + exact_error(theta, (40e-6, 0.0), 48e-3)
+    line += rng.normal(0.0, 0.03 * 2.0 * np.pi / number, theta.size)
+    codes = np.floor(line / (2.0 * np.pi) * number)
+    assert code_faults(theta, codes, number) == []
+    # three bits stuck in one place, and a code that also appears half a turn away
+    stuck = np.where(
+        (codes % number >= 40) & (codes % number < 48), np.floor(codes) // 8 * 8, codes
+    )
+    assert code_faults(theta, stuck, number) == [
+        "7 codes of 256 are never read: 41, 42, 43, 44, 45, 46, 47",
+        "1 code of 256 is read at two places: 40",
+    ]
+    twice = np.where(codes % number == 200, 72, codes)
+    assert code_faults(theta, twice, number) == [
+        "1 code of 256 is never read: 200",
+        "1 code of 256 is read at two places: 72",
+    ]
+    assert code_faults(theta[: 2 * number], codes[: 2 * number], number) == []

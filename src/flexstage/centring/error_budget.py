@@ -13,7 +13,7 @@ import numpy as np
 
 from flexstage.base.errors import ModelError
 from flexstage.centring.geometry import ARCSEC
-from flexstage.centring.table_file import RotaryTable
+from flexstage.centring.table_file import CodeTracks, RotaryTable
 
 #: Coverage factor of an expanded uncertainty of 95 %.
 COVERAGE = 2.0
@@ -151,6 +151,14 @@ def _every(table: RotaryTable, eccentricity: float) -> Iterator[ReadingError]:
         each=heads.interpolation,
         mean=heads.interpolation / math.sqrt(number),
     )
+    if scale.tracks is not None:
+        yield ReadingError(
+            cause="step of the code",
+            order=2**scale.tracks.bits,
+            distribution="limits",
+            each=0.5 * scale.tracks.step,
+            mean=0.5 * scale.tracks.step / math.sqrt(number),
+        )
     yield ReadingError(
         cause="noise of heads",
         order=None,
@@ -172,6 +180,42 @@ def _every(table: RotaryTable, eccentricity: float) -> Iterator[ReadingError]:
             each=size,
             mean=size * of_translation,
         )
+
+
+def code_limit(tracks: CodeTracks) -> float:
+    r"""Return the largest eccentricity at which the tracks of a code still agree [m].
+
+    An eccentricity e turns a track of radius r by e / r, so that the innermost and the outermost
+    one are displaced by :math:`e (1 / r_i - 1 / r_a)` against each other. Codes may be false
+    where that exceeds one step of a Gray code, as an edge of one track then passes that of its
+    neighbour, or half a step of a natural binary code read by two sensors a track or of a
+    pseudo-random code with its clock.
+
+    Parameters
+    ----------
+    tracks : CodeTracks
+        The tracks.
+
+    Returns
+    -------
+    float
+        The eccentricity [m].
+
+    Notes
+    -----
+    Validity: to first order in the eccentricity; exact edges and sensors on one radial line. A
+    displacement of tracks against one another in the scale itself adds to it, and no centring
+    removes that.
+
+    Examples
+    --------
+    >>> from flexstage.centring.table_file import CodeTracks
+    >>> tracks = CodeTracks(code="gray", bits=12, inner=20e-3, outer=40e-3)
+    >>> print(f"{1e6 * code_limit(tracks):.2f} um")
+    61.36 um
+    """
+    share = 1.0 if tracks.code == "gray" else 0.5
+    return share * tracks.step / (1.0 / tracks.inner - 1.0 / tracks.outer)
 
 
 def expanded_uncertainty(table: RotaryTable, eccentricity: float) -> float:
@@ -207,7 +251,8 @@ def allowed_eccentricity(table: RotaryTable) -> float:
     Returns
     -------
     float
-        At most that of the tolerance; that of the scale as mounted where it need not be centred.
+        At most that of the tolerance and that at which the tracks of a code agree; that of the
+        scale as mounted where it need not be centred.
 
     Raises
     ------
@@ -228,7 +273,12 @@ def allowed_eccentricity(table: RotaryTable) -> float:
     0.1714 um
     """
     limit = table.tolerance.error
-    high = min(table.scale.eccentricity, table.tolerance.eccentricity or math.inf)
+    tracks = table.scale.tracks
+    high = min(
+        table.scale.eccentricity,
+        table.tolerance.eccentricity or math.inf,
+        math.inf if tracks is None else code_limit(tracks),
+    )
     if expanded_uncertainty(table, high) <= limit:
         return high
     least = expanded_uncertainty(table, 0.0)

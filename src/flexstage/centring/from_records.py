@@ -15,7 +15,7 @@ from flexstage.centring.eccentricity import HeadReadings
 from flexstage.centring.requests import MAGNET, CentreRequest
 from flexstage.centring.setup import Setup, change, fit_setup, joined, report
 from flexstage.centring.table_file import read_table
-from flexstage.centring.turns import unwrap_error
+from flexstage.centring.turns import code_faults, unwrap_error
 from flexstage.files.result import Result
 from flexstage.quantities.units import si_unit
 from flexstage.records import Channel, Record
@@ -79,6 +79,19 @@ def head_of(
         angle=theta, error=error, head_angle=alpha, name=errors.name, file=record.source
     )
     return head, unit == "m"
+
+
+def _code_notes(record: Record, name: str | int, request: CentreRequest) -> list[str]:
+    """Return notes on the codes of a column of readings in counts."""
+    counts, angle, column = request.counts, request.angle, record.channel(name)
+    in_counts = column.unit == "count" or (not column.unit and request.unit == "count")
+    if not (request.reading and in_counts and counts and angle is not None):
+        return []
+    if counts != int(counts) or counts < 2:
+        return []
+    theta, _ = _in_si(record.channel(angle), request, "--angle", ("rad",))
+    found = code_faults(theta, column.values, int(counts))
+    return [f"column '{column.name}': {fault}" for fault in found]
 
 
 def _require_same_sense(read: Array, theta: Array, name: str) -> None:
@@ -257,6 +270,7 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
         reports=reports,
         notes=(
             *(note for r in records for note in r.notes),
+            *(note for record, name in pairs for note in _code_notes(record, name, options)),
             *unit_warnings([head for head, _ in heads]),
         ),
         trial=None if not moves else calibrate_moves(setups, moves, options.kind),

@@ -1,5 +1,6 @@
 """A rotary table with its scale, heads, axis of rotation and tolerance, and its file."""
 
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,27 @@ class Graduation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CodeTracks:
+    """Absolute code on the face of a scale, in tracks of their own or along one."""
+
+    code: Literal["gray", "binary", "pseudo-random"]
+    """gray or binary on one track for each bit, binary ones read by two sensors (V-scan); or
+    pseudo-random on one track, with a second one that clocks it.
+    """
+    bits: Annotated[int, Range(low=1, high=32)]
+    """Number of bits in a turn."""
+    inner: Size
+    """Radius of the innermost track [m]."""
+    outer: Size
+    """Radius of the outermost track [m]."""
+
+    @property
+    def step(self) -> float:
+        """Angle of one code [rad]."""
+        return 2.0 * math.pi / 2**self.bits
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MountedScale:
     """The scale as it is mounted, before it is centred."""
 
@@ -39,6 +61,8 @@ class MountedScale:
     """Radius at which it is read [m]."""
     lines: Count | None = None
     """Periods of its signal in a turn."""
+    tracks: CodeTracks | None = None
+    """Its absolute code; None for a raster scale."""
     diameter: Size | None = None
     """Outer diameter [m]; twice the radius where not given."""
     mass: Annotated[float, DIMENSIONS["mass"], NOT_NEGATIVE] = 0.0
@@ -141,7 +165,8 @@ class RotaryTable:
     """What the table must reach."""
 
     def __post_init__(self) -> None:
-        for part in (self, self.scale, self.heads, self.axis, self.space, self.tolerance):
+        parts = (self.scale, self.heads, self.axis, self.space, self.tolerance)
+        for part in (self, *parts, *((self.scale.tracks,) if self.scale.tracks else ())):
             require_ranges(part, ModelError, "the table")
         if not self.heads.angles:
             raise ModelError("a table needs at least one head, got none: give heads.angles")
@@ -149,6 +174,12 @@ class RotaryTable:
             raise ModelError(
                 "the eccentricity of the scale must be smaller than its radius of "
                 f"{self.scale.radius:g} m, got {self.scale.eccentricity:g} m"
+            )
+        tracks = self.scale.tracks
+        if tracks is not None and not tracks.inner < tracks.outer:
+            raise ModelError(
+                "the inner radius of the code must be smaller than the outer one, got "
+                f"{tracks.inner:g} and {tracks.outer:g} m"
             )
         diameter = self.scale.diameter
         if diameter is not None and diameter < 2.0 * self.scale.radius:

@@ -277,3 +277,53 @@ def _fitted(theta: Array, y: Array, n: NDArray[np.int64]) -> TurnSpectrum:
         residuals=y - (X @ solution).T,
         spread=inverse[1:, 1:],
     )
+
+
+def code_faults(angle: ArrayLike, codes: ArrayLike, number: int) -> list[str]:
+    """Return sentences on codes of a turn that were never read, or read at two places.
+
+    Angles [rad] in any order, codes from 0 to `number` - 1. Nothing is said of fewer than four
+    samples for each code, between which a code could be missed.
+
+    Validity
+    --------
+    Errors of the scale that change by less than two steps from a code to the next ones.
+
+    Examples
+    --------
+    >>> t = 2.0 * np.pi * (np.arange(640) + 0.5) / 640
+    >>> codes = np.floor(t / (2.0 * np.pi) * 64)
+    >>> code_faults(t, np.where(codes == 17, 16, codes), 64)
+    ['1 code of 64 is never read: 17']
+    """
+    # largest distance of the samples of one code [steps]
+    widest = 4.0
+    least_samples = 4
+    theta, read = np.asarray(angle, dtype=np.float64), np.asarray(codes)
+    read = np.mod(np.floor(read).astype(np.int64), number)
+    counted = np.bincount(read, minlength=number)
+    turns = max(1.0, float(np.ptp(theta)) / _TURN)
+    if read.size < least_samples * number * turns:
+        return []
+    # mean direction of the samples of each code, and their largest distance from it
+    waves = np.exp(1j * theta)
+    sums = np.bincount(read, waves.real, number) + 1j * np.bincount(read, waves.imag, number)
+    off = np.abs(np.angle(waves * np.conj(sums[read])))
+    far = np.zeros(number)
+    np.maximum.at(far, read, off)
+    doubled = np.flatnonzero(far > 0.5 * widest * _TURN / number)
+    return [
+        f"{len(found)} code{'s' if len(found) > 1 else ''} of {number} "
+        f"{'are' if len(found) > 1 else 'is'} {what}: {_first(found)}"
+        for found, what in (
+            (np.flatnonzero(counted == 0), "never read"),
+            (doubled, "read at two places"),
+        )
+        if found.size
+    ]
+
+
+def _first(found: NDArray[np.int64]) -> str:
+    most = 8
+    listed = ", ".join(map(str, found[:most]))
+    return f"{listed} and {found.size - most} more" if found.size > most else listed

@@ -9,6 +9,7 @@ from flexstage.base.errors import FlexstageError
 from flexstage.centring.error_budget import (
     ReadingError,
     allowed_eccentricity,
+    code_limit,
     contributions,
     expanded_uncertainty,
 )
@@ -400,6 +401,12 @@ def _notes(table: RotaryTable, allowed: float) -> Iterator[str]:
         yield (
             f"the distance between head and scale changes by {displayed(gap, 'm')} over a turn, "
             f"{verdict} the {displayed(heads.gap_change, 'm')} of the heads"
+        )
+    if scale.tracks is not None:
+        yield (
+            f"the tracks of the code agree up to an eccentricity of "
+            f"{displayed(code_limit(scale.tracks), 'm')}; displaced tracks within the scale are "
+            "not repaired by centring"
         )
     if scale.tilt:
         shim = scale.tilt * (scale.diameter or 2.0 * scale.radius)
