@@ -90,8 +90,8 @@ def _code_notes(record: Record, name: str | int, request: CentreRequest) -> list
     if counts != int(counts) or counts < 2:
         return []
     theta, _ = _in_si(record.channel(angle), request, "--angle", ("rad",))
-    found = code_faults(theta, column.values, int(counts))
-    return [f"column '{column.name}': {fault}" for fault in found]
+    faults = code_faults(theta, column.values, int(counts))
+    return [f"column '{column.name}': {fault}" for fault in faults]
 
 
 def _require_same_sense(read: Array, theta: Array, name: str) -> None:

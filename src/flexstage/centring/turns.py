@@ -313,17 +313,17 @@ def code_faults(angle: ArrayLike, codes: ArrayLike, number: int) -> list[str]:
     np.maximum.at(far, read, off)
     doubled = np.flatnonzero(far > 0.5 * widest * _TURN / number)
     return [
-        f"{len(found)} code{'s' if len(found) > 1 else ''} of {number} "
-        f"{'are' if len(found) > 1 else 'is'} {what}: {_first(found)}"
-        for found, what in (
+        f"{len(faulty)} code{'s' if len(faulty) > 1 else ''} of {number} "
+        f"{'are' if len(faulty) > 1 else 'is'} {what}: {_first(faulty)}"
+        for faulty, what in (
             (np.flatnonzero(counted == 0), "never read"),
             (doubled, "read at two places"),
         )
-        if found.size
+        if faulty.size
     ]
 
 
-def _first(found: NDArray[np.int64]) -> str:
+def _first(faulty: NDArray[np.int64]) -> str:
     most = 8
-    listed = ", ".join(map(str, found[:most]))
-    return f"{listed} and {found.size - most} more" if found.size > most else listed
+    listed = ", ".join(map(str, faulty[:most]))
+    return f"{listed} and {faulty.size - most} more" if faulty.size > most else listed
