@@ -434,8 +434,8 @@ def cross_calibration(
     sigma = sigma_and_freedom[0]
     first_table, second_table = (
         _table(
-            spectrum, of_scale, sigma * gains, visible, points, 0.0, blind_allowance,
-            sigma_and_freedom, "comparison of two scales",
+            spectrum, of_scale, sigma * gains, visible, points, np.zeros((0, of_scale.size)),
+            blind_allowance, sigma_and_freedom, "comparison of two scales",
         )
         for of_scale, gains in ((G, first), (H, second))
     )  # fmt: skip
@@ -567,10 +567,10 @@ def _separated_table(
         scale, freedom = _noise_scale(readings, spectrum, combination)
     sigma = readings.relative_noise
     gains = combination.gains * (scale * sigma)[:, np.newaxis]
-    turned = _angle_variance(readings, combination, G, points)
+    shifts = _head_shifts(readings, combination, G)
     noise = float(scale * np.sqrt(np.mean(sigma**2))), freedom
     return _table(
-        spectrum, G, gains, combination.visible, points, turned, blind_allowance, noise, method
+        spectrum, G, gains, combination.visible, points, shifts, blind_allowance, noise, method
     )
 
 
@@ -580,18 +580,22 @@ def _table(
     gains: Complex,
     visible: NDArray[np.bool_],
     points: int,
-    head_variance: Array | float,
+    head_shifts: Complex,
     blind_allowance: float,
     noise: tuple[float, float],
     method: str,
 ) -> CalibrationTable:
     """Return the table of complex amplitudes of all orders, without the blind ones.
 
-    `gains` are the factors of each curve in them, times its noise; `noise` is that of one reading
-    [rad], and its degrees of freedom.
+    `gains` are the factors of each curve in them, times its noise; `head_shifts` is their change
+    by the standard uncertainty of each head's angle; `noise` is that of one reading [rad], and its
+    degrees of freedom.
     """
     n, used, s = spectrum.orders[visible], amplitudes[visible], _points(points)
-    rows, order_variance = point_variance(spectrum, gains, visible, s)
+    rows, order_variance, covariance = point_variance(spectrum, gains, visible, s)
+    shifts = head_shifts[:, visible]
+    waves = np.exp(1j * np.multiply.outer(s, n.astype(np.float64)))
+    head_variance = np.sum(np.real(waves @ shifts.T) ** 2, axis=1)
     curve = np.zeros(points // 2 + 1, dtype=np.complex128)
     curve[n] = used * (0.5 * points)
     return CalibrationTable(
@@ -606,6 +610,9 @@ def _table(
         order_uncertainty=np.sqrt(order_variance),
         noise=noise[0],
         method=method,
+        noise_covariance=covariance,
+        head_shifts=np.hstack((shifts.real, -shifts.imag)),
+        blind_allowance=blind_allowance,
     )
 
 
@@ -659,15 +666,10 @@ def _noise_scale(
     return _noise_of(spectrum, between, without_motion(inside), sigma.size - basis.shape[1], 1)
 
 
-def _angle_variance(
-    readings: ScaleReadings, combination: _Combination, G: Complex, points: int
-) -> Array:
-    """Return the variance at each point from the uncertainty of the head angles."""
+def _head_shifts(readings: ScaleReadings, combination: _Combination, G: Complex) -> Complex:
+    """Return the change of each order by the standard uncertainty of each head's angle."""
     if readings.head_uncertainty == 0.0:
-        return np.zeros(points)
-    visible = combination.visible
-    n = np.asarray(combination.orders, dtype=np.float64)[visible]
+        return np.zeros((0, G.size), dtype=np.complex128)
+    n = np.asarray(combination.orders, dtype=np.float64)
     turned = np.exp(1j * np.multiply.outer(readings.heads, n))
-    waves = np.exp(1j * np.multiply.outer(_points(points), n))
-    shift = np.real(waves @ (combination.gains[:, visible] * turned * (1j * n) * G[visible]).T)
-    return readings.head_uncertainty**2 * np.sum(shift**2, axis=1)
+    return readings.head_uncertainty * combination.gains * turned * (1j * n) * G
