@@ -3,13 +3,14 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError, RecordError
-from flexstage.centring.calibration_table import CalibrationTable
+from flexstage.centring.calibration_table import CalibrationTable, listed
 from flexstage.centring.turns import (
     TurnSpectrum,
     point_variance,
@@ -169,10 +170,147 @@ def order_visibility(
     """
     alpha = _head_angles(heads)
     n = np.asarray(whole_orders(orders), dtype=np.float64)
+    return _visibility(alpha[np.newaxis], n, axis_motion)[0]
+
+
+def _visibility(alpha: Array, n: Array, axis_motion: bool) -> Array:
+    """Return the visibility of orders n to arrangements of heads, shape (arrangements, orders)."""
     turned = np.exp(1j * np.multiply.outer(alpha, n))
     common = _common_motion(alpha, angle=True, axis=axis_motion)
-    left = turned - common @ (np.linalg.pinv(common) @ turned)
-    return np.asarray(np.sum(np.abs(left) ** 2, axis=0) / alpha.size, dtype=np.float64)
+    basis, values, _ = np.linalg.svd(common, full_matrices=False)
+    basis = basis * (values > 1e-9 * values[:, :1])[:, np.newaxis]
+    left = turned - basis @ (np.swapaxes(basis, 1, 2) @ turned)
+    return np.asarray(np.sum(np.abs(left) ** 2, axis=1) / alpha.shape[1], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeadArrangement:
+    """Angles of heads, and the noise of each order that they give."""
+
+    heads: Array
+    """Angles of the heads [rad], shape (m,)."""
+    orders: tuple[int, ...]
+    """The orders."""
+    gain: Array
+    """Uncertainty of the amplitude of each order, over that by one head and a perfect reference
+    [1], shape (orders,); at best 1 / sqrt(m).
+    """
+    examined: int
+    """Number of arrangements that were compared."""
+    exhaustive: bool
+    """Whether these are all on the grid."""
+
+
+def best_heads(
+    count: int, orders: Iterable[int], *, step: float, axis_motion: bool = False
+) -> HeadArrangement:
+    r"""Return the angles of heads with the smallest uncertainty of self-calibration.
+
+    The uncertainty of order n, relative to one head and a perfect reference, is
+
+    .. math:: g_n = 1 / \sqrt{m v_n}
+
+    with the visibility v of `order_visibility`, at best :math:`1 / \sqrt m`. The arrangement has
+    the smallest largest gain; of equal ones, that with the smallest mean square.
+
+    Parameters
+    ----------
+    count : int
+        Number of heads m.
+    orders : iterable of int
+        The wanted orders.
+    step : float
+        Step of the grid of angles [rad], a whole part of a turn. The first head is at 0.
+    axis_motion : bool
+        Whether the table's axis may move.
+
+    Returns
+    -------
+    HeadArrangement
+        Angles and gains. Turned or mirrored, the arrangement has the same gains.
+
+    Validity
+    --------
+    White noise, equal for all heads. Up to 200 000 arrangements are all compared; of more, a search
+    that moves one head at a time, from 20 starts, finds a good one, not surely the best.
+
+    Raises
+    ------
+    ModelError
+        The number of heads or the step is impossible, or no arrangement shows all orders.
+
+    Examples
+    --------
+    >>> found = best_heads(4, range(1, 17), step=math.radians(10.0))
+    >>> print(np.degrees(found.heads).round(), f"{found.gain.max():.3f}")
+    [  0.  20. 210. 320.] 0.640
+    """
+    # arrangements that take seconds
+    most, starts, batch = 200_000, 20, 10_000
+    requested = whole_orders(orders)
+    n = np.asarray(requested, dtype=np.float64)
+    places = round(2.0 * math.pi / step) if 0.0 < step < math.inf else 0
+    if places < 2 or abs(places * step - 2.0 * math.pi) > 1e-9:
+        raise ModelError(
+            f"the step must be a whole part of 360 degrees, got {math.degrees(step):g} degrees"
+        )
+    least = 4 if axis_motion else 2
+    if not least <= count <= places:
+        raise ModelError(
+            f"self-calibration{' with a moving axis' if axis_motion else ''} needs {least} heads or "
+            f"more, and at most one at each of {places} angles, got {count}"
+        )
+
+    def rated(numbers: NDArray[np.int64]) -> Array:
+        """Return the largest and the mean square gain of arrangements, shape (2, arrangements)."""
+        v = np.concatenate([
+            _visibility(step * numbers[i : i + batch], n, axis_motion)
+            for i in range(0, len(numbers), batch)
+        ])  # fmt: skip
+        squares = 1.0 / (count * np.maximum(v, 1e-12))
+        # rounded, so that equal ones are equal
+        return np.array([squares.max(axis=1), squares.mean(axis=1)]).round(9)
+
+    exhaustive = math.comb(places - 1, count - 1) <= most
+    if exhaustive:
+        others = np.array(list(combinations(range(1, places), count - 1)), dtype=np.int64)
+        found = np.hstack((np.zeros((len(others), 1), dtype=np.int64), others))
+        examined = len(found)
+    else:
+        random = np.random.default_rng(0)
+        ends = []
+        examined = 0
+        for _ in range(starts):
+            now = np.append(0, random.choice(np.arange(1, places), count - 1, replace=False))
+            before = None
+            while before is None or not np.array_equal(now, before):
+                before = now
+                for k in range(1, count):
+                    moved = np.tile(now, (places - 1, 1))
+                    moved[:, k] = np.arange(1, places)
+                    worst, mean = rated(moved)
+                    now = moved[np.lexsort((mean, worst))[0]]
+                    examined += len(moved)
+            ends.append(np.sort(now))
+        found = np.array(ends)
+    worst, mean = rated(found)
+    equal = found[(worst == worst.min()) & (mean == mean[worst == worst.min()].min())]
+    # turned and mirrored ones are equal: a narrow pair first, and the others over the circle
+    heads = step * equal[np.lexsort((-equal[:, -1], equal[:, 1]))[0]]
+    visibility = _visibility(heads[np.newaxis], n, axis_motion)[0]
+    if visibility.min() < 1e-9:
+        unseen = listed(tuple(k for k, v in zip(requested, visibility, strict=True) if v < 1e-9))
+        raise ModelError(
+            f"no arrangement of {count} heads on this grid shows all these orders: the best misses "
+            f"{unseen}; leave them out of --orders, or give more heads or a smaller --step"
+        )
+    return HeadArrangement(
+        heads=heads,
+        orders=requested,
+        gain=1.0 / np.sqrt(count * visibility),
+        examined=examined,
+        exhaustive=exhaustive,
+    )
 
 
 def against_reference(
@@ -432,9 +570,10 @@ def cross_calibration(
         inside = (spectrum.coefficients - (G - H * turned))[:, visible]
         sigma_and_freedom = _noise_of(spectrum, spectrum.residuals, inside, phi.size, 2)
     sigma = sigma_and_freedom[0]
+    no_heads = np.zeros((0, G.size), dtype=np.complex128)
     first_table, second_table = (
         _table(
-            spectrum, of_scale, sigma * gains, visible, points, np.zeros((0, of_scale.size)),
+            spectrum, of_scale, sigma * gains, visible, points, no_heads,
             blind_allowance, sigma_and_freedom, "comparison of two scales",
         )
         for of_scale, gains in ((G, first), (H, second))
@@ -499,7 +638,7 @@ def _common_motion(alpha: Array, *, angle: bool, axis: bool) -> Array:
     columns = [np.ones_like(alpha)] if angle else []
     if axis:
         columns += [np.sin(alpha), np.cos(alpha)]
-    return np.stack(columns, axis=1) if columns else np.zeros((alpha.size, 0))
+    return np.stack(columns, axis=-1) if columns else np.zeros((*alpha.shape, 0))
 
 
 def _best_combination(
