@@ -35,6 +35,7 @@ REFUSED = {
     "frf": ["nowhere.csv", "--input", "0", "--output", "1"],
     "uncertainty": ["nowhere.yaml"],
     "centre": ["nowhere.csv", "--error", "1", "--angle", "0"],
+    "calibrate": ["nowhere.csv"],
     "run": ["nowhere.yaml"],
     "twin": ["nowhere.yaml"],
     "serve": ["--address", "0.0.0.0:8321"],

@@ -27,6 +27,8 @@ WRITING = [
     ["frf", "r.csv", "--input", "0", "--output", "1", "--figure"],
     ["uncertainty", "b.yaml", "--figure"],
     ["centre", "r.csv", "--error", "1", "--angle", "0", "--figure"],
+    ["calibrate", "r.csv", "--folder"],
+    ["calibrate", "r.csv", "--figure"],
     ["part", "p.step", "--figure"],
     ["run", "vgtu-piezo", "--instrument", "twin://", "--folder"],
     ["runs", "recover", "r.raw", "--out"],

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,7 @@ from flexstage.centring.turns import (
     turn_spectrum,
     whole_orders,
 )
+from flexstage.files.result import Result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -183,9 +185,11 @@ def _visibility(alpha: Array, n: Array, axis_motion: bool) -> Array:
     return np.asarray(np.sum(np.abs(left) ** 2, axis=1) / alpha.shape[1], dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HeadArrangement:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadArrangement(Result):
     """Angles of heads, and the noise of each order that they give."""
+
+    table_key: ClassVar[str] = "orders"
 
     heads: Array
     """Angles of the heads [rad], shape (m,)."""
@@ -197,8 +201,16 @@ class HeadArrangement:
     """
     examined: int
     """Number of arrangements that were compared."""
-    exhaustive: bool
-    """Whether these are all on the grid."""
+
+    def data(self) -> dict[str, Any]:
+        gains = zip(self.orders, self.gain.tolist(), strict=True)
+        return {
+            "heads_deg": np.degrees(self.heads).round(9).tolist(),
+            "largest_gain": float(self.gain.max()),
+            "bound": 1.0 / math.sqrt(self.heads.size),
+            "examined": self.examined,
+            "orders": [{"order": n, "gain": gain} for n, gain in gains],
+        }
 
 
 def best_heads(
@@ -231,13 +243,13 @@ def best_heads(
 
     Validity
     --------
-    White noise, equal for all heads. Up to 200 000 arrangements are all compared; of more, a search
-    that moves one head at a time, from 20 starts, finds a good one, not surely the best.
+    White noise, equal for all heads. All arrangements on the grid are compared.
 
     Raises
     ------
     ModelError
-        The number of heads or the step is impossible, or no arrangement shows all orders.
+        The number of heads or the step is impossible, there are more than 500 000 arrangements, or
+        none shows all orders.
 
     Examples
     --------
@@ -245,8 +257,8 @@ def best_heads(
     >>> print(np.degrees(found.heads).round(), f"{found.gain.max():.3f}")
     [  0.  20. 210. 320.] 0.640
     """
-    # arrangements that take seconds
-    most, starts, batch = 200_000, 20, 10_000
+    # arrangements that take seconds, and those that are compared at once
+    most, batch = 500_000, 10_000
     requested = whole_orders(orders)
     n = np.asarray(requested, dtype=np.float64)
     places = round(2.0 * math.pi / step) if 0.0 < step < math.inf else 0
@@ -254,49 +266,27 @@ def best_heads(
         raise ModelError(
             f"the step must be a whole part of 360 degrees, got {math.degrees(step):g} degrees"
         )
-    least = 4 if axis_motion else 2
+    least, moving = (4, " with a moving axis") if axis_motion else (2, "")
     if not least <= count <= places:
         raise ModelError(
-            f"self-calibration{' with a moving axis' if axis_motion else ''} needs {least} heads or "
-            f"more, and at most one at each of {places} angles, got {count}"
+            f"self-calibration{moving} needs {least} heads or more, and at most one at each of "
+            f"{places} angles, got {count}"
         )
-
-    def rated(numbers: NDArray[np.int64]) -> Array:
-        """Return the largest and the mean square gain of arrangements, shape (2, arrangements)."""
-        v = np.concatenate([
-            _visibility(step * numbers[i : i + batch], n, axis_motion)
-            for i in range(0, len(numbers), batch)
-        ])  # fmt: skip
-        squares = 1.0 / (count * np.maximum(v, 1e-12))
-        # rounded, so that equal ones are equal
-        return np.array([squares.max(axis=1), squares.mean(axis=1)]).round(9)
-
-    exhaustive = math.comb(places - 1, count - 1) <= most
-    if exhaustive:
-        others = np.array(list(combinations(range(1, places), count - 1)), dtype=np.int64)
-        found = np.hstack((np.zeros((len(others), 1), dtype=np.int64), others))
-        examined = len(found)
-    else:
-        random = np.random.default_rng(0)
-        ends = []
-        examined = 0
-        for _ in range(starts):
-            now = np.append(0, random.choice(np.arange(1, places), count - 1, replace=False))
-            before = None
-            while before is None or not np.array_equal(now, before):
-                before = now
-                for k in range(1, count):
-                    moved = np.tile(now, (places - 1, 1))
-                    moved[:, k] = np.arange(1, places)
-                    worst, mean = rated(moved)
-                    now = moved[np.lexsort((mean, worst))[0]]
-                    examined += len(moved)
-            ends.append(np.sort(now))
-        found = np.array(ends)
-    worst, mean = rated(found)
-    equal = found[(worst == worst.min()) & (mean == mean[worst == worst.min()].min())]
-    # turned and mirrored ones are equal: a narrow pair first, and the others over the circle
-    heads = step * equal[np.lexsort((-equal[:, -1], equal[:, 1]))[0]]
+    if (number := math.comb(places - 1, count - 1)) > most:
+        raise ModelError(
+            f"{count} heads at {places} angles have {number} arrangements, at most {most} are "
+            "compared: give a larger --step"
+        )
+    grid: Array = np.asarray(step * np.arange(places), dtype=np.float64)
+    numbers = np.array([(0, *others) for others in combinations(range(1, places), count - 1)])
+    squares = np.concatenate([
+        1.0 / (count * np.maximum(_visibility(grid[numbers[i : i + batch]], n, axis_motion), 1e-12))
+        for i in range(0, number, batch)
+    ])  # fmt: skip
+    # rounded, so that equal ones are equal; of turned and mirrored ones, which are, that with a
+    # narrow pair first and the others over the circle
+    worst, mean = squares.max(axis=1).round(9), squares.mean(axis=1).round(9)
+    heads = grid[numbers[np.lexsort((-numbers[:, -1], numbers[:, 1], mean, worst))[0]]]
     visibility = _visibility(heads[np.newaxis], n, axis_motion)[0]
     if visibility.min() < 1e-9:
         unseen = listed(tuple(k for k, v in zip(requested, visibility, strict=True) if v < 1e-9))
@@ -308,8 +298,7 @@ def best_heads(
         heads=heads,
         orders=requested,
         gain=1.0 / np.sqrt(count * visibility),
-        examined=examined,
-        exhaustive=exhaustive,
+        examined=number,
     )
 
 

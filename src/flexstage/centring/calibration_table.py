@@ -86,10 +86,13 @@ class Division:
             The sum [rad], with a component of uncertainty for each contribution.
         """
         w = np.asarray(weights, dtype=np.float64)
+        # few points of many have a weight
+        used = np.flatnonzero(w)
+        selected, v = np.ix_(used, used), w[used]
         parts = tuple(
             Component(
                 name=c.source,
-                uncertainty=math.sqrt(max(float(w @ c.covariance @ w), 0.0)),
+                uncertainty=math.sqrt(max(float(v @ c.covariance[selected] @ v), 0.0)),
                 degrees_of_freedom=c.degrees_of_freedom,
                 kind=c.kind,
             )
@@ -306,13 +309,13 @@ class CalibrationTable:
             if Q is None
             else waves @ Q @ waves.T
         )
-        given = math.isinf(self.degrees_of_freedom)
+        stated = math.isinf(self.degrees_of_freedom)
         contributions = [
             Contribution(
                 source="noise of the readings",
                 covariance=noise,
                 degrees_of_freedom=self.degrees_of_freedom,
-                kind="B" if given else "A",
+                kind="B" if stated else "A",
             )
         ]
         if self.head_shifts is not None and self.head_shifts.size:

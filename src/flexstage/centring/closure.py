@@ -203,10 +203,10 @@ def _closed(
             raise ModelError("noise and uncertainty must be 0 or more and finite")
     n, columns = y.shape
     size = circles * n + columns
-    whole, part = rows.reshape(-1, 3), rows[np.isfinite(y)]
+    complete, part = rows.reshape(-1, 3), rows[np.isfinite(y)]
     read = y[np.isfinite(y)]
     inverse, rank = _inverse(part, signs, size, circles, n)
-    if len(part) < len(whole) and rank < _inverse(whole, signs, size, circles, n)[1]:
+    if len(part) < len(complete) and rank < _inverse(complete, signs, size, circles, n)[1]:
         raise RecordError(
             "the readings that are missing leave faces unconnected: read these faces as well"
         )
@@ -225,15 +225,15 @@ def _closed(
         residual = read - x[part] @ np.asarray(signs)
         noise = math.sqrt(float(residual @ residual) / freedom)
     orders = tuple(k for k in range(1, n // 2 + 1) if k not in blind)
-    seen = _without(n, blind)
+    visible = _without(n, blind)
     divisions = []
     for name, first in zip(("faces", "table")[:circles], (0, n), strict=False):
         circle = slice(first, first + n)
-        error = seen @ x[circle]
+        error = visible @ x[circle]
         contributions = [
             Contribution(
                 source="noise of the readings",
-                covariance=noise**2 * (seen @ inverse[circle, circle] @ seen),
+                covariance=noise**2 * (visible @ inverse[circle, circle] @ visible),
                 degrees_of_freedom=freedom,
                 kind="B" if math.isinf(freedom) else "A",
             )
@@ -274,9 +274,9 @@ def _inverse(
         part = slice(circle * n, (circle + 1) * n)
         centred[part, part] -= 1.0 / n
     values, vectors = np.linalg.eigh(centred @ normal @ centred)
-    kept = values > 1e-9 * values[-1]
-    used = vectors[:, kept]
-    return (used / values[kept]) @ used.T, int(kept.sum())
+    nonzero = values > 1e-9 * values[-1]
+    used = vectors[:, nonzero]
+    return (used / values[nonzero]) @ used.T, int(nonzero.sum())
 
 
 def _without(n: int, blind: list[int]) -> Array:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
 from flexstage.centring.calibration_moves import calibrate_moves
 from flexstage.centring.eccentricity import HeadReadings
-from flexstage.centring.requests import MAGNET, CentreRequest
+from flexstage.centring.requests import MAGNET, CentreRequest, TurnRequest
 from flexstage.centring.setup import Setup, change, fit_setup, joined, report
 from flexstage.centring.turns import unwrap_error
 from flexstage.files.result import Result
@@ -22,6 +22,8 @@ from flexstage.records.contents import default_turn_columns
 from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import column_and_unit
+
+TurnRequestT = TypeVar("TurnRequestT", bound=TurnRequest)
 
 
 def head_angles(angles: Sequence[float], files: int, columns: int) -> list[float]:
@@ -56,7 +58,7 @@ def _si(text: str, counts: float | None, option: str) -> tuple[float, str]:
 
 
 def head_of(
-    record: Record, name: str | int, request: CentreRequest, alpha: float
+    record: Record, name: str | int, request: TurnRequest, alpha: float
 ) -> tuple[HeadReadings, bool]:
     """Return a column of errors with its angles, in SI, and whether an indicator read it.
 
@@ -104,7 +106,7 @@ def unit_warnings(heads: Sequence[HeadReadings]) -> list[str]:
 
 def _in_si(
     channel: Channel,
-    request: CentreRequest,
+    request: TurnRequest,
     option: str,
     allowed: tuple[str, ...],
 ) -> tuple[Array, str]:
@@ -180,18 +182,25 @@ class CentredRecords(Result):
         return result if self.trial is None else result | {"trial": self.trial}
 
 
-def centre_files(
-    files: Sequence[Path], request: CentreRequest, how: ReadOptions = ReadOptions()
-) -> CentredRecords:
-    """Analyse files as `centre_records` does; without options, by their columns angle and error."""
+def read_turns(
+    files: Sequence[Path], request: TurnRequestT, how: ReadOptions
+) -> tuple[list[Record], TurnRequestT]:
+    """Read records over a turn; without options, by their columns angle and error."""
     column_notes: list[str] = []
     if request.angle is None and not (request.error or request.reading or request.turns):
         angle, errors, *column_notes = default_turn_columns(files[0], how)
         request = replace(request, angle=angle, error=errors)
-    _require_columns(request)
+    require_columns(request)
     read = read_files(files, request.columns, options=how, over="point")
     read[0] = replace(read[0], notes=(*column_notes, *read[0].notes))
-    return centre_records(read, request)
+    return read, request
+
+
+def centre_files(
+    files: Sequence[Path], request: CentreRequest, how: ReadOptions = ReadOptions()
+) -> CentredRecords:
+    """Analyse files as `centre_records` does; without options, by their columns angle and error."""
+    return centre_records(*read_turns(files, request, how))
 
 
 def centre_records(records: Sequence[Record], options: CentreRequest) -> CentredRecords:
@@ -200,7 +209,7 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
     Several records are the heads of one setup if each column has an angle of its own, else
     setups in sequence.
     """
-    _require_columns(options)
+    require_columns(options)
     names = options.names
     at = head_angles(options.heads, len(records), len(names))
     mirror = -1.0 if options.head_direction == "cw" else 1.0
@@ -248,7 +257,7 @@ def _fit(readings: list[tuple[HeadReadings, bool]], options: CentreRequest) -> S
     return replace(setup, notes=tuple(dict.fromkeys((*setup.notes, *notes))))
 
 
-def _require_columns(request: CentreRequest) -> None:
+def require_columns(request: TurnRequest) -> None:
     """Refuse a request whose columns or angles are missing or given twice."""
     if request.angle is None and request.turns is None:
         raise RecordError(
