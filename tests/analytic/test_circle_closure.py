@@ -1,4 +1,8 @@
-"""Circle closure against closed forms, explicit least squares, and another published algorithm."""
+"""Circle closure against closed forms, explicit least squares, and another published algorithm.
+
+Evidence (Measuring and centring): polygons by closure: variance and covariance (Estler 1998), few
+settings (Fourier), two autocollimators (Khamaysa and Iwasinska-Kowalska 2026): $10^{-12}$
+"""
 
 import re
 

@@ -1,6 +1,7 @@
 """Errors of a scale out of readings whose truth is known.
 
-Evidence (Measuring and centring): scale tables: $10^{-9}$ arcsec, *consistency*; 100 turns with 1
+Evidence (Measuring and centring): scale tables: $10^{-9}$ arcsec, *consistency*;
+self-calibration with covariance (least squares over all samples): $10^{-9}$; 100 turns with 1
 arcsec noise and 20 arcsec wander 0.02 arcsec rms, *simulated*
 """
 

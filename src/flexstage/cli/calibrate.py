@@ -92,7 +92,11 @@ def print_calibration(result: dict[str, Any]) -> None:
         )
         heads = "order", "amplitude, arcsec", "uncertainty", "phase, deg"
         rows = [
-            (h["order"], *_arcsec(h, "amplitude", "uncertainty"), f"{h['phase_deg']:.2f}")
+            (
+                h["order"],
+                *_arcsec(h, "amplitude", "uncertainty"),
+                f"{round(h['phase_deg'], 2) + 0.0:.2f}",
+            )
             for h in harmonics
         ]
         print_table(screen, f"harmonics: {name}", heads, rows)
