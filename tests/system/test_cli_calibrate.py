@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexstage.centring import ScaleReadings, self_calibration
 from flexstage.cli import main
 from flexstage.records import read_record
 
@@ -179,11 +180,11 @@ def test_rows_and_columns_say_the_same(run: Run) -> None:
         assert np.allclose(first, second, rtol=1e-9)
     # a repeat is a setting of its own, in a file of its own
     twice = json.loads(run("long.csv", "long.csv", "--json"))
-    assert np.allclose(of(twice["points"], "faces", "error"), second_error(by_rows))
+    assert np.allclose(of(twice["points"], "faces", "error"), faces_error(by_rows))
     assert twice["degrees_of_freedom"] == 8 * 12 - 22 - 8
 
 
-def second_error(found: dict[str, Any]) -> np.ndarray:
+def faces_error(found: dict[str, Any]) -> np.ndarray:
     return of(found["points"], "faces", "error")
 
 
@@ -210,7 +211,7 @@ def test_files_of_a_calibration_read_back(run: Run) -> None:
     ]  # fmt: skip
     whole = json.loads(Path("out/calibration.json").read_text("utf-8"))
     record = read_record("out/faces.csv", over="point")
-    assert np.allclose(record.channel("error").values, second_error(whole), rtol=1e-12)
+    assert np.allclose(record.channel("error").values, faces_error(whole), rtol=1e-12)
     matrix = np.loadtxt("out/faces-covariance.csv", delimiter=",", skiprows=1)
     assert np.allclose(matrix * ARCSEC**2, whole["covariance"]["faces"], rtol=1e-12)
 
@@ -222,3 +223,55 @@ def test_the_best_heads(run: Run) -> None:
     assert found["heads_deg"] == [0.0, 65.0, 255.0]
     assert found["largest_gain"] == pytest.approx(1.034, abs=5e-4)
     assert found["examined"] == 71 * 70 // 2
+
+
+def test_true_angle_minus_reading_changes_the_sign(run: Run) -> None:
+    words = ("scale.csv", *SELF, "--orders", "1:4", "--json")
+    first, second = (json.loads(run(*words, *more)) for more in ((), ("--sign", "-1")))
+    error, reverse = (of(found["points"], "scale", "error") for found in (first, second))
+    assert np.allclose(error, -reverse, rtol=1e-12)
+    polygon = ("polygon.csv", "--settings", "0,1,4,6", "--json")
+    first, second = (json.loads(run(*polygon, *more)) for more in ((), ("--sign", "-1")))
+    assert np.allclose(faces_error(first), -faces_error(second), rtol=1e-12)
+
+
+def test_options_are_those_of_the_functions(run: Run) -> None:
+    record = read_record("scale.csv", over="point")
+    names = [f"h{k}" for k in (1, 2, 3, 4)]
+    readings = ScaleReadings(
+        angle=record.channel("angle").values,
+        errors=np.array([record.channel(name).values for name in names]),
+        heads=np.radians(HEADS),
+        noise=0.5 * ARCSEC,
+        head_uncertainty=60.0 * ARCSEC,
+    )
+    expected = self_calibration(readings, range(2, 17), axis_motion=True, points=72)
+    more = ("--orders", "2:16", "--axis-motion", "--noise", "0.5", "--head-uncertainty", "1 arcmin")
+    found = json.loads(run("scale.csv", *SELF, *more, "--json"))
+    orders, blind = list(expected.orders), list(expected.blind)
+    assert [h["order"] for h in found["harmonics"]] == orders
+    assert found["blind"] == {"scale": blind}
+    assert np.allclose(of(found["points"], "scale", "error"), expected.error, rtol=1e-9)
+    assert np.allclose(of(found["points"], "scale", "uncertainty"), expected.uncertainty, rtol=1e-9)
+    assert found["degrees_of_freedom"] is None
+    assert [c["source"] for c in found["contributions"]] == [
+        "noise of the readings", "angles of the heads",
+    ]  # fmt: skip
+
+
+def test_two_scales_with_noise_that_is_known(run: Run) -> None:
+    words = ("two.csv", "--angle", "angle", "--error", "d1,d2,d3", "--positions", "0,30,95")
+    found = json.loads(run(*words, "--noise", "0.2", "--json"))
+    assert found["noise"] / ARCSEC == pytest.approx(0.2)
+    amplitude = {(h["of"], h["order"]): h["amplitude"] / ARCSEC for h in found["harmonics"]}
+    for key, size in ((("scale", 2), 3.0), (("scale", 9), 0.7), (("second scale", 5), 2.0)):
+        assert amplitude[key] == pytest.approx(size, abs=0.06)
+
+
+def test_a_span_of_several_faces_and_the_angle_to_the_next(run: Run) -> None:
+    write("span.csv", "face,reading", np.arange(12), np.roll(FACES, -5) - FACES + 60.0)
+    found = json.loads(run("span.csv", "--span", "5", "--noise", "0.01", "--json"))
+    error = faces_error(found) / ARCSEC
+    assert np.allclose(error, FACES, atol=1e-9)
+    step = of(found["points"], "faces", "step_error") / ARCSEC
+    assert np.allclose(step, np.roll(FACES, -1) - FACES, atol=1e-9)

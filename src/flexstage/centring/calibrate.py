@@ -36,14 +36,18 @@ from flexstage.records.sampling import TIME_NAMES
 
 _FACES = ("face", "faces", "position", "segment")
 _SETTINGS = ("setting", "settings", "round", "rounds")
+#: Methods by the readings of heads.
+_BY_HEADS = {
+    "self": self_calibration, "reference": against_reference, "equal-division": equal_division,
+}  # fmt: skip
 #: Options that only some methods use.
 _USED_BY = {
-    "heads": ("self", "reference", "equal-division"),
-    "head_uncertainty": ("self", "reference", "equal-division"),
+    "heads": tuple(_BY_HEADS),
+    "head_uncertainty": tuple(_BY_HEADS),
     "axis_motion": ("self", "reference"),
     "blind_allowance": ("self", "equal-division", "cross"),
     "positions": ("cross",),
-    "orders": ("self", "reference", "equal-division", "cross"),
+    "orders": (*_BY_HEADS, "cross"),
     "settings": ("rosette",),
     "span": ("closure",),
     "gain_uncertainty": ("closure", "rosette"),
@@ -196,26 +200,20 @@ def _of_turns(records: Sequence[Record], request: CalibrateRequest) -> Calibrati
     orders = request.orders or range(1, max(1, min(12, highest)) + 1)
     # four points or more in each wave
     points = 36 * (4 * max(orders) // 36 + 1)
-    allowed: dict[str, Any] = {"points": points, "blind_allowance": request.blind_allowance}
+    allowance = {} if method == "reference" else {"blind_allowance": request.blind_allowance}
     if method == "cross":
         tables = cross_calibration(
-            angle, errors, positions=alphas, orders=orders, noise=request.noise, **allowed
-        )
+            angle, errors, positions=alphas, orders=orders, noise=request.noise, points=points,
+            **allowance,
+        )  # fmt: skip
     else:
         readings = ScaleReadings(
-            angle=angle,
-            errors=errors,
-            heads=np.array(alphas),
-            noise=request.noise,
+            angle=angle, errors=errors, heads=np.array(alphas), noise=request.noise,
             head_uncertainty=request.head_uncertainty,
-        )
-        moving = request.axis_motion
-        if method == "equal-division":
-            tables = (equal_division(readings, orders, **allowed),)
-        elif method == "self":
-            tables = (self_calibration(readings, orders, axis_motion=moving, **allowed),)
-        else:
-            tables = (against_reference(readings, orders, axis_motion=moving, points=points),)
+        )  # fmt: skip
+        moving = {} if method == "equal-division" else {"axis_motion": request.axis_motion}
+        solve: Any = _BY_HEADS[method]
+        tables = (solve(readings, orders, points=points, **allowance, **moving),)
     return Calibration(
         request=request,
         method=method,
@@ -250,13 +248,9 @@ def _of_polygon(records: Sequence[Record], request: CalibrateRequest) -> Calibra
     readings, names, notes = _face_readings(records, request)
     method, why = _method_of_polygon(request, names)
     _require_used(request, method)
+    known: dict[str, Any] = {"noise": request.noise, "gain_uncertainty": request.gain_uncertainty}
     if method == "closure":
-        closed = simple_closure(
-            readings,
-            span=request.span,
-            noise=request.noise,
-            gain_uncertainty=request.gain_uncertainty,
-        )
+        closed = simple_closure(readings, span=request.span, **known)
     else:
         ends = [re.search(r"\d+$", name) for name in names]
         settings = request.settings or tuple(int(end[0]) for end in ends if end)
@@ -267,9 +261,7 @@ def _of_polygon(records: Sequence[Record], request: CalibrateRequest) -> Calibra
             )
         if not request.settings:
             notes.append(f"settings {', '.join(map(str, settings))}: the numbers of the columns")
-        closed = dual_closure(
-            readings, settings, noise=request.noise, gain_uncertainty=request.gain_uncertainty
-        )
+        closed = dual_closure(readings, settings, **known)
     return Calibration(
         request=request,
         method=method,

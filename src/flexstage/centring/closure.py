@@ -31,11 +31,7 @@ class Closure:
 
 
 def simple_closure(
-    readings: ArrayLike,
-    *,
-    span: int = 1,
-    noise: float | None = None,
-    gain_uncertainty: float = 0.0,
+    readings: ArrayLike, *, span: int = 1, noise: float | None = None, gain_uncertainty: float = 0.0
 ) -> Closure:
     r"""Return the faces of a polygon whose segments are compared with one unknown angle.
 
