@@ -1,7 +1,8 @@
 """Errors of a scale out of readings whose truth is known.
 
-Evidence (Measuring and centring): scale tables: $10^{-9}$ arcsec, *consistency*; 100 turns with 1
-arcsec noise and 20 arcsec wander 0.02 arcsec rms, *simulated*
+Evidence (Measuring and centring): scale tables: $10^{-9}$ arcsec, *consistency*; self-calibration
+with its covariance (least squares over all samples): $10^{-9}$; 100 turns with 1 arcsec noise and
+20 arcsec wander 0.02 arcsec rms, *simulated*
 """
 
 import math
@@ -13,6 +14,7 @@ from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.calibration import (
     ScaleReadings,
     against_reference,
+    best_heads,
     cross_calibration,
     equal_division,
     order_visibility,
@@ -422,3 +424,52 @@ def test_what_cannot_be_done_says_so(call, sentence: str) -> None:
     t, y = readings(HEADS)
     with pytest.raises((ModelError, RecordError), match=sentence):
         call(t, y)
+
+
+def test_self_calibration_is_plain_least_squares_over_all_samples() -> None:
+    """A second implementation: every angle of the table an unknown, and no Fourier transform."""
+    t, y = readings(HEADS, samples=48, noise=ARCSEC, common=20.0 * ARCSEC)
+    orders, size = range(1, 9), t.size
+    table = calibrated(self_calibration, t, y, heads=HEADS, orders=orders)
+    blocks = []
+    for j, alpha in enumerate(HEADS):
+        phase = np.outer(t + alpha, orders)
+        zero = np.zeros((size, HEADS.size))
+        zero[:, j] = 1.0
+        blocks.append(np.hstack((np.cos(phase), np.sin(phase), zero, np.eye(size))))
+    X = np.vstack(blocks)
+    x, _, rank, _ = np.linalg.lstsq(X, y.ravel(), rcond=None)
+    assert np.allclose(np.concatenate((table.cosine, table.sine)), x[:16], rtol=1e-9, atol=0.0)
+    freedom = X.shape[0] - rank
+    rest = y.ravel() - X @ x
+    assert table.degrees_of_freedom == freedom
+    assert table.noise == pytest.approx(math.sqrt(rest @ rest / freedom))
+    covariance = table.noise**2 * np.linalg.pinv(X.T @ X)[:16, :16]
+    phase = np.outer(table.angle[::10], orders)
+    waves = np.hstack((np.cos(phase), np.sin(phase)))
+    division = table.division(36)
+    assert np.allclose(division.covariance, waves @ covariance @ waves.T, rtol=1e-9, atol=1e-22)
+
+
+@pytest.mark.parametrize(
+    ("heads", "step", "angles", "gain"),
+    [(2, 2.5, (0.0, 190.0), 4.07), (3, 5.0, (0.0, 65.0, 255.0), 1.03),
+     (4, 10.0, (0.0, 20.0, 210.0, 320.0), 0.640)],
+)  # fmt: skip
+def test_heads_are_placed_by_the_noise_that_they_give(heads, step, angles, gain) -> None:
+    found = best_heads(heads, range(1, 17), step=math.radians(step))
+    assert found.examined == math.comb(round(360.0 / step) - 1, heads - 1)
+    assert found.gain.max() == pytest.approx(gain, abs=6e-3)
+
+    def worst(alpha):
+        waves = np.exp(1j * np.outer(alpha, np.arange(1, 17)))
+        left = np.sum(np.abs(waves - waves.mean(axis=0)) ** 2, axis=0)
+        return float(np.max(1.0 / np.sqrt(left)))
+
+    # an arrangement that was found elsewhere is as good, and none at random is better
+    assert worst(np.radians(angles)) == pytest.approx(found.gain.max())
+    assert worst(found.heads) == pytest.approx(found.gain.max())
+    random = np.random.default_rng(heads)
+    grid = np.radians(step) * random.integers(0, round(360.0 / step), (3000, heads))
+    with np.errstate(divide="ignore"):
+        assert min(map(worst, grid)) > found.gain.max() - 1e-9

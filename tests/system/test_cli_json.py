@@ -36,6 +36,7 @@ REFUSED = {
     "uncertainty": ["nowhere.yaml"],
     "scale": ["nowhere.yaml"],
     "centre": ["nowhere.csv", "--error", "1", "--angle", "0"],
+    "calibrate": ["nowhere.csv"],
     "run": ["nowhere.yaml"],
     "twin": ["nowhere.yaml"],
     "serve": ["--address", "0.0.0.0:8321"],

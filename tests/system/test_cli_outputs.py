@@ -28,6 +28,8 @@ WRITING = [
     ["uncertainty", "b.yaml", "--figure"],
     ["scale", "t.yaml", "--figure"],
     ["centre", "r.csv", "--error", "1", "--angle", "0", "--figure"],
+    ["calibrate", "r.csv", "--folder"],
+    ["calibrate", "r.csv", "--figure"],
     ["part", "p.step", "--figure"],
     ["run", "vgtu-piezo", "--instrument", "twin://", "--folder"],
     ["runs", "recover", "r.raw", "--out"],

@@ -203,6 +203,7 @@ QUICK = (
     "uncertainty budget.yaml --trials 2000",
     "records cycles.csv",
     "centre scale.csv --angle angle --error h1 --unit deg --radius '50 mm' --kind disc",
+    "calibrate scale.csv --angle angle --error h1 --unit deg",
 )
 COMMANDS = (
     "analyse three-rrr",

@@ -15,6 +15,9 @@ from netgen.occ import Box
 import flexstage as fs
 from flexstage.base.errors import ModelError
 from flexstage.centring import read_table
+from flexstage.centring.calibrate import calibrate_files
+from flexstage.centring.calibration import best_heads
+from flexstage.centring.requests import CalibrateRequest
 from flexstage.cli import main
 from flexstage.elasticity.requests import PartRequest
 from flexstage.experiments import dry_run, find_plan, read_plan
@@ -102,7 +105,9 @@ def run(*words: str) -> int:
     return int(ended.value.code or 0)
 
 
-WITHOUT_PROGRESS = {"hinges", "excite", "predict", "compensate", "centre", "scale"}
+WITHOUT_PROGRESS = {
+    "hinges", "excite", "predict", "compensate", "scale", "centre", "calibrate",
+}  # fmt: skip
 IDENTIFY = "identify drive.csv --input u --output y --model dahl --known delay=0s"
 
 
@@ -229,6 +234,17 @@ JOBS = {
     "centre": Job(
         "centre turn.csv --angle 0 --error 1 --radius 50mm --kind disc",
         lambda: fs.centre("turn.csv", angle=0, error=1, radius="50 mm", kind="disc"),
+    ),
+    "calibrate": Job(
+        "calibrate turn.csv --angle 0 --error 1",
+        lambda: calibrate_files([Path("turn.csv")], CalibrateRequest(angle=0, error=(1,))),
+    ),
+    "heads": Job(
+        "calibrate --best-heads 3 --orders 1:4",
+        lambda: replace(
+            best_heads(3, range(1, 5), step=np.radians(10.0)),
+            request=CalibrateRequest(best_heads=3, orders=(1, 2, 3, 4)),
+        ),
     ),
     "part": Job(
         "part bar.step --order 0 --hold x-min",

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
         self_calibration,
     )
     from flexstage.centring.calibration_moves import response_to_moves
-    from flexstage.centring.calibration_table import CalibrationTable
+    from flexstage.centring.calibration_table import CalibrationTable, Division
+    from flexstage.centring.closure import Closure, dual_closure, simple_closure
     from flexstage.centring.eccentricity import Eccentricity, HeadReadings, eccentricity, run_out
     from flexstage.centring.geometry import (
         ARCSEC,
@@ -34,6 +35,8 @@ __all__ = [
     "CalibrationTable",
     "CentreReading",
     "Centring",
+    "Closure",
+    "Division",
     "Eccentricity",
     "Harmonic",
     "HeadReadings",
@@ -45,6 +48,7 @@ __all__ = [
     "axis_motion",
     "centre",
     "cross_calibration",
+    "dual_closure",
     "eccentricity",
     "equal_division",
     "exact_error",
@@ -57,6 +61,7 @@ __all__ = [
     "response_to_moves",
     "run_out",
     "self_calibration",
+    "simple_closure",
 ]
 
 import_on_use(__name__)

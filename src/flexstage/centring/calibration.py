@@ -3,19 +3,22 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError, RecordError
-from flexstage.centring.calibration_table import CalibrationTable
+from flexstage.centring.calibration_table import CalibrationTable, listed
 from flexstage.centring.turns import (
     TurnSpectrum,
     point_variance,
     turn_spectrum,
     whole_orders,
 )
+from flexstage.files.result import Result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -169,10 +172,134 @@ def order_visibility(
     """
     alpha = _head_angles(heads)
     n = np.asarray(whole_orders(orders), dtype=np.float64)
+    return _visibility(alpha[np.newaxis], n, axis_motion)[0]
+
+
+def _visibility(alpha: Array, n: Array, axis_motion: bool) -> Array:
+    """Return the visibility of orders n to arrangements of heads, shape (arrangements, orders)."""
     turned = np.exp(1j * np.multiply.outer(alpha, n))
     common = _common_motion(alpha, angle=True, axis=axis_motion)
-    left = turned - common @ (np.linalg.pinv(common) @ turned)
-    return np.asarray(np.sum(np.abs(left) ** 2, axis=0) / alpha.size, dtype=np.float64)
+    basis, values, _ = np.linalg.svd(common, full_matrices=False)
+    basis = basis * (values > 1e-9 * values[:, :1])[:, np.newaxis]
+    left = turned - basis @ (np.swapaxes(basis, 1, 2) @ turned)
+    return np.asarray(np.sum(np.abs(left) ** 2, axis=1) / alpha.shape[1], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadArrangement(Result):
+    """Angles of heads, and the noise of each order that they give."""
+
+    table_key: ClassVar[str] = "orders"
+
+    heads: Array
+    """Angles of the heads [rad], shape (m,)."""
+    orders: tuple[int, ...]
+    """The orders."""
+    gain: Array
+    """Uncertainty of the amplitude of each order, over that by one head and a perfect reference
+    [1], shape (orders,); at best 1 / sqrt(m).
+    """
+    examined: int
+    """Number of arrangements that were compared."""
+
+    def data(self) -> dict[str, Any]:
+        gains = zip(self.orders, self.gain.tolist(), strict=True)
+        return {
+            "heads_deg": np.degrees(self.heads).round(9).tolist(),
+            "largest_gain": float(self.gain.max()),
+            "bound": 1.0 / math.sqrt(self.heads.size),
+            "examined": self.examined,
+            "orders": [{"order": n, "gain": gain} for n, gain in gains],
+        }
+
+
+def best_heads(
+    count: int, orders: Iterable[int], *, step: float, axis_motion: bool = False
+) -> HeadArrangement:
+    r"""Return the angles of heads with the smallest uncertainty of self-calibration.
+
+    The uncertainty of order n, relative to one head and a perfect reference, is
+
+    .. math:: g_n = 1 / \sqrt{m v_n}
+
+    with the visibility v of `order_visibility`, at best :math:`1 / \sqrt m`. The arrangement has
+    the smallest largest gain; of equal ones, that with the smallest mean square.
+
+    Parameters
+    ----------
+    count : int
+        Number of heads m.
+    orders : iterable of int
+        The wanted orders.
+    step : float
+        Step of the grid of angles [rad], a whole part of a turn. The first head is at 0.
+    axis_motion : bool
+        Whether the table's axis may move.
+
+    Returns
+    -------
+    HeadArrangement
+        Angles and gains. Turned or mirrored, the arrangement has the same gains.
+
+    Validity
+    --------
+    White noise, equal for all heads. All arrangements on the grid are compared.
+
+    Raises
+    ------
+    ModelError
+        The number of heads or the step is impossible, there are more than 500 000 arrangements, or
+        none shows all orders.
+
+    Examples
+    --------
+    >>> found = best_heads(4, range(1, 17), step=math.radians(10.0))
+    >>> print(np.degrees(found.heads).round(), f"{found.gain.max():.3f}")
+    [  0.  20. 210. 320.] 0.640
+    """
+    # arrangements that take seconds, and those that are compared at once
+    most, batch = 500_000, 10_000
+    requested = whole_orders(orders)
+    n = np.asarray(requested, dtype=np.float64)
+    places = round(2.0 * math.pi / step) if 0.0 < step < math.inf else 0
+    if places < 2 or abs(places * step - 2.0 * math.pi) > 1e-9:
+        raise ModelError(
+            f"the step must be a whole part of 360 degrees, got {math.degrees(step):g} degrees"
+        )
+    least, moving = (4, " with a moving axis") if axis_motion else (2, "")
+    if not least <= count <= places:
+        raise ModelError(
+            f"self-calibration{moving} needs {least} heads or more, and at most one at each of "
+            f"{places} angles, got {count}"
+        )
+    if (number := math.comb(places - 1, count - 1)) > most:
+        raise ModelError(
+            f"{count} heads at {places} angles have {number} arrangements, at most {most} are "
+            "compared: give a larger --step"
+        )
+    grid: Array = np.asarray(step * np.arange(places), dtype=np.float64)
+    numbers = np.array([(0, *others) for others in combinations(range(1, places), count - 1)])
+    squares = np.concatenate([
+        1.0 / (count * np.maximum(_visibility(grid[numbers[i : i + batch]], n, axis_motion), 1e-12))
+        for i in range(0, number, batch)
+    ])  # fmt: skip
+    # rounded, so that equal ones are equal; of turned and mirrored ones, which are, that with a
+    # narrow pair first and the others over the circle
+    worst, mean = squares.max(axis=1).round(9), squares.mean(axis=1).round(9)
+    heads = grid[numbers[np.lexsort((-numbers[:, -1], numbers[:, 1], mean, worst))[0]]]
+    visibility = _visibility(heads[np.newaxis], n, axis_motion)[0]
+    if visibility.min() < 1e-9:
+        unseen = listed(tuple(k for k, v in zip(requested, visibility, strict=True) if v < 1e-9))
+        raise ModelError(
+            f"no arrangement of {count} heads on this grid shows all these orders: the best misses "
+            f"{unseen}; leave them out of --orders, or give more heads or a smaller --step"
+        )
+    return HeadArrangement(
+        heads=heads,
+        orders=requested,
+        gain=1.0 / np.sqrt(count * visibility),
+        examined=number,
+    )
 
 
 def against_reference(
@@ -432,10 +559,11 @@ def cross_calibration(
         inside = (spectrum.coefficients - (G - H * turned))[:, visible]
         sigma_and_freedom = _noise_of(spectrum, spectrum.residuals, inside, phi.size, 2)
     sigma = sigma_and_freedom[0]
+    no_heads = np.zeros((0, G.size), dtype=np.complex128)
     first_table, second_table = (
         _table(
-            spectrum, of_scale, sigma * gains, visible, points, 0.0, blind_allowance,
-            sigma_and_freedom, "comparison of two scales",
+            spectrum, of_scale, sigma * gains, visible, points, no_heads,
+            blind_allowance, sigma_and_freedom, "comparison of two scales",
         )
         for of_scale, gains in ((G, first), (H, second))
     )  # fmt: skip
@@ -499,7 +627,7 @@ def _common_motion(alpha: Array, *, angle: bool, axis: bool) -> Array:
     columns = [np.ones_like(alpha)] if angle else []
     if axis:
         columns += [np.sin(alpha), np.cos(alpha)]
-    return np.stack(columns, axis=1) if columns else np.zeros((alpha.size, 0))
+    return np.stack(columns, axis=-1) if columns else np.zeros((*alpha.shape, 0))
 
 
 def _best_combination(
@@ -567,10 +695,10 @@ def _separated_table(
         scale, freedom = _noise_scale(readings, spectrum, combination)
     sigma = readings.relative_noise
     gains = combination.gains * (scale * sigma)[:, np.newaxis]
-    turned = _angle_variance(readings, combination, G, points)
+    shifts = _head_shifts(readings, combination, G)
     noise = float(scale * np.sqrt(np.mean(sigma**2))), freedom
     return _table(
-        spectrum, G, gains, combination.visible, points, turned, blind_allowance, noise, method
+        spectrum, G, gains, combination.visible, points, shifts, blind_allowance, noise, method
     )
 
 
@@ -580,18 +708,22 @@ def _table(
     gains: Complex,
     visible: NDArray[np.bool_],
     points: int,
-    head_variance: Array | float,
+    head_shifts: Complex,
     blind_allowance: float,
     noise: tuple[float, float],
     method: str,
 ) -> CalibrationTable:
     """Return the table of complex amplitudes of all orders, without the blind ones.
 
-    `gains` are the factors of each curve in them, times its noise; `noise` is that of one reading
-    [rad], and its degrees of freedom.
+    `gains` are the factors of each curve in them, times its noise; `head_shifts` is their change
+    by the standard uncertainty of each head's angle; `noise` is that of one reading [rad], and its
+    degrees of freedom.
     """
     n, used, s = spectrum.orders[visible], amplitudes[visible], _points(points)
-    rows, order_variance = point_variance(spectrum, gains, visible, s)
+    rows, order_variance, covariance = point_variance(spectrum, gains, visible, s)
+    shifts = head_shifts[:, visible]
+    waves = np.exp(1j * np.multiply.outer(s, n.astype(np.float64)))
+    head_variance = np.sum(np.real(waves @ shifts.T) ** 2, axis=1)
     curve = np.zeros(points // 2 + 1, dtype=np.complex128)
     curve[n] = used * (0.5 * points)
     return CalibrationTable(
@@ -606,6 +738,9 @@ def _table(
         order_uncertainty=np.sqrt(order_variance),
         noise=noise[0],
         method=method,
+        noise_covariance=covariance,
+        head_shifts=np.hstack((shifts.real, -shifts.imag)),
+        blind_allowance=blind_allowance,
     )
 
 
@@ -659,15 +794,10 @@ def _noise_scale(
     return _noise_of(spectrum, between, without_motion(inside), sigma.size - basis.shape[1], 1)
 
 
-def _angle_variance(
-    readings: ScaleReadings, combination: _Combination, G: Complex, points: int
-) -> Array:
-    """Return the variance at each point from the uncertainty of the head angles."""
+def _head_shifts(readings: ScaleReadings, combination: _Combination, G: Complex) -> Complex:
+    """Return the change of each order by the standard uncertainty of each head's angle."""
     if readings.head_uncertainty == 0.0:
-        return np.zeros(points)
-    visible = combination.visible
-    n = np.asarray(combination.orders, dtype=np.float64)[visible]
+        return np.zeros((0, G.size), dtype=np.complex128)
+    n = np.asarray(combination.orders, dtype=np.float64)
     turned = np.exp(1j * np.multiply.outer(readings.heads, n))
-    waves = np.exp(1j * np.multiply.outer(_points(points), n))
-    shift = np.real(waves @ (combination.gains[:, visible] * turned * (1j * n) * G[visible]).T)
-    return readings.head_uncertainty**2 * np.sum(shift**2, axis=1)
+    return readings.head_uncertainty * combination.gains * turned * (1j * n) * G

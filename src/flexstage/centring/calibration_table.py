@@ -2,14 +2,122 @@
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.base.arrays import Array
-from flexstage.base.errors import RecordError
-from flexstage.quantities.estimate import Estimate
+from flexstage.base.errors import ModelError, RecordError
+from flexstage.quantities.estimate import Component, Estimate
 from flexstage.records import Channel, Record
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contribution:
+    """Covariance of the errors of a division from one source, independent of the others."""
+
+    source: str
+    """Source of the contribution."""
+    covariance: Array
+    """Covariance of the errors [rad2], shape (n, n)."""
+    degrees_of_freedom: float = math.inf
+    """Degrees of freedom of a statistical estimate; infinite where it is given."""
+    kind: Literal["A", "B"] = "B"
+    """Type of evaluation: repeated observations (A) or other means (B), JCGM 100:2008, 4.2, 4.3."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Division:
+    """Errors of evenly spaced points of a circle: of a scale, a table or the faces of a polygon.
+
+    Their sum is zero. Errors of two points are correlated, so the uncertainty of the angle between
+    them needs the covariance.
+
+    Examples
+    --------
+    >>> noise = Contribution(source="noise", covariance=1e-14 * (np.eye(4) - 0.25))
+    >>> quarters = Division(
+    ...     name="faces", error=np.array([3e-7, -1e-7, 0.0, -2e-7]), contributions=(noise,)
+    ... )
+    >>> print(f"{quarters.uncertainty[0]:.2e}, {quarters.difference(1, 0).uncertainty:.2e} rad")
+    8.66e-08, 1.41e-07 rad
+    """
+
+    name: str
+    """What is divided."""
+    error: Array
+    """Angle minus nominal angle of a face or a table, reading minus angle of a scale [rad], shape
+    (n,).
+    """
+    contributions: tuple[Contribution, ...]
+    """Contributions to the covariance of `error`."""
+    orders: tuple[int, ...] = ()
+    """Orders of `error`."""
+    blind: tuple[int, ...] = ()
+    """Orders to which the method is blind: they are missing from `error`."""
+
+    @property
+    def angle(self) -> Array:
+        """Nominal angles [rad], from 0, shape (n,)."""
+        return np.asarray(2.0 * np.pi * np.arange(self.error.size) / self.error.size)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of `error` [rad2], shape (n, n)."""
+        return np.sum([c.covariance for c in self.contributions], axis=0)
+
+    @property
+    def uncertainty(self) -> Array:
+        """Standard uncertainty of `error` [rad], shape (n,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def combination(self, weights: ArrayLike) -> Estimate:
+        """Return a weighted sum of the errors.
+
+        Parameters
+        ----------
+        weights : array_like
+            Weights of the points [1], shape (n,).
+
+        Returns
+        -------
+        Estimate
+            The sum [rad], with a component of uncertainty for each contribution.
+        """
+        w = np.asarray(weights, dtype=np.float64)
+        # few points of many have a weight
+        used = np.flatnonzero(w)
+        selected, v = np.ix_(used, used), w[used]
+        parts = tuple(
+            Component(
+                name=c.source,
+                uncertainty=math.sqrt(max(float(v @ c.covariance[selected] @ v), 0.0)),
+                degrees_of_freedom=c.degrees_of_freedom,
+                kind=c.kind,
+            )
+            for c in self.contributions
+        )
+        note = f"without the orders {listed(self.blind)}" if self.blind else ""
+        return Estimate(value=float(w @ self.error), unit="rad", components=parts, note=note)
+
+    def estimate(self, point: int) -> Estimate:
+        """Return the error of one point, numbered from 0 [rad]."""
+        return self.combination(np.arange(self.error.size) == point)
+
+    def difference(self, point: int, other: int) -> Estimate:
+        """Return the error of the angle from another point to a point, numbered from 0 [rad]."""
+        numbers = np.arange(self.error.size)
+        return self.combination((numbers == point) * 1.0 - (numbers == other))
+
+    def harmonic(self, order: int) -> tuple[Estimate, Estimate, Estimate]:
+        """Return the amplitudes of cosine and sine of one order, and their resultant [rad]."""
+        size = self.error.size
+        share = (1.0 if 2 * order == size else 2.0) / size
+        c, s = share * np.cos(order * self.angle), share * np.sin(order * self.angle)
+        direction = math.atan2(float(s @ self.error), float(c @ self.error))
+        along = math.cos(direction) * c + math.sin(direction) * s
+        return self.combination(c), self.combination(s), self.combination(along)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,6 +166,16 @@ class CalibrationTable:
     """Standard deviation of one reading [rad]."""
     method: str
     """Calibration method."""
+    noise_covariance: Array | None = None
+    """Covariance of the cosines, then the sines, by noise [rad2], shape (2 orders, 2 orders); None
+    if they are independent.
+    """
+    head_shifts: Array | None = None
+    """Change of the cosines, then the sines, by the standard uncertainty of the angle of each head
+    [rad], shape (heads, 2 orders).
+    """
+    blind_allowance: float = 0.0
+    """Standard uncertainty for blind orders [rad]."""
 
     def error_at(self, angle: ArrayLike) -> Array:
         """Return the error of the scale at any angle.
@@ -135,7 +253,7 @@ class CalibrationTable:
             Reading minus angle [rad].
         """
         u = np.interp(angle, self.angle, self.uncertainty, period=2.0 * np.pi)
-        blind = f"without the orders {_listed(self.blind)}" if self.blind else ""
+        blind = f"without the orders {listed(self.blind)}" if self.blind else ""
         return Estimate.of(
             float(self.error_at(angle)),
             float(u),
@@ -143,6 +261,80 @@ class CalibrationTable:
             source="readings",
             degrees_of_freedom=self.degrees_of_freedom,
             note=blind,
+        )
+
+    def division(self, points: int, name: str = "scale") -> Division:
+        r"""Return the errors at evenly spaced angles, with their covariance.
+
+        .. math:: \mathrm{cov} = W (Q + H^T H) W^T + u_b^2 K
+
+        with the waves W = (cos n s, sin n s), the covariance Q of the amplitudes by noise, their
+        change H by the angles of the heads, and the allowance u_b for blind orders. The phases of
+        these are unknown, and their variances equal: K is the mean of cos k(s - s') over them.
+
+        Parameters
+        ----------
+        points : int
+            Number of angles, more than twice the highest order.
+        name : str
+            Name of the division.
+
+        Returns
+        -------
+        Division
+            Errors [rad] and covariance [rad2].
+
+        Validity
+        --------
+        As for the method of the table: errors of head angles that are small compared with the
+        period of the errors.
+
+        Raises
+        ------
+        ModelError
+            There are too few points.
+        """
+        highest = max((*self.orders, *self.blind), default=0)
+        if points <= 2 * highest:
+            raise ModelError(
+                f"order {highest} needs more than {2 * highest} points, got {points}: give more "
+                "points, or fewer orders"
+            )
+        s = 2.0 * np.pi * np.arange(points) / points
+        phase = np.multiply.outer(s, np.asarray(self.orders, dtype=np.float64))
+        waves = np.hstack((np.cos(phase), np.sin(phase)))
+        Q = self.noise_covariance
+        noise = (
+            (waves * np.tile(self.order_uncertainty**2, 2)) @ waves.T
+            if Q is None
+            else waves @ Q @ waves.T
+        )
+        stated = math.isinf(self.degrees_of_freedom)
+        contributions = [
+            Contribution(
+                source="noise of the readings",
+                covariance=noise,
+                degrees_of_freedom=self.degrees_of_freedom,
+                kind="B" if stated else "A",
+            )
+        ]
+        if self.head_shifts is not None and self.head_shifts.size:
+            moved = waves @ self.head_shifts.T
+            contributions.append(
+                Contribution(source="angles of the heads", covariance=moved @ moved.T)
+            )
+        if self.blind_allowance and self.blind:
+            apart = np.subtract.outer(s, s)
+            together = np.mean([np.cos(k * apart) for k in self.blind], axis=0)
+            contributions.append(
+                Contribution(source="blind orders", covariance=self.blind_allowance**2 * together)
+            )
+        return Division(
+            name=name,
+            error=self.error_at(s),
+            contributions=tuple(contributions),
+            orders=self.orders,
+            blind=self.blind,
         )
 
     def harmonic(self, order: int) -> tuple[float, float]:
@@ -178,9 +370,9 @@ class CalibrationTable:
             Columns angle, error and uncertainty [rad], over the points.
         """
         columns = (("angle", self.angle), ("error", self.error), ("uncertainty", self.uncertainty))
-        notes = [f"errors of a scale by {self.method}, orders {_listed(self.orders)}"]
+        notes = [f"errors of a scale by {self.method}, orders {listed(self.orders)}"]
         if self.blind:
-            notes.append(f"the method is blind to orders {_listed(self.blind)}: they are missing")
+            notes.append(f"the method is blind to orders {listed(self.blind)}: they are missing")
         return Record(
             channels=tuple(Channel(name=name, values=v, unit="rad") for name, v in columns),
             time=np.arange(self.angle.size, dtype=np.float64),
@@ -190,8 +382,8 @@ class CalibrationTable:
         )
 
 
-def _listed(orders: tuple[int, ...]) -> str:
-    """Return the text of orders, with ranges for consecutive ones."""
+def listed(orders: tuple[int, ...]) -> str:
+    """Return the text of orders, with ranges for consecutive ones: "1-3, 7"."""
     runs: list[list[int]] = []
     for n in sorted(orders):
         if runs and n == runs[-1][1] + 1:

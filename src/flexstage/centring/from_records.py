@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
 from flexstage.centring.calibration_moves import calibrate_moves
 from flexstage.centring.eccentricity import HeadReadings
-from flexstage.centring.requests import MAGNET, CentreRequest
+from flexstage.centring.requests import MAGNET, CentreRequest, TurnRequest
 from flexstage.centring.setup import Setup, change, fit_setup, joined, report
 from flexstage.centring.table_file import read_table
 from flexstage.centring.turns import code_faults, unwrap_error
@@ -23,6 +23,8 @@ from flexstage.records.contents import default_turn_columns
 from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import column_and_unit
+
+TurnRequestT = TypeVar("TurnRequestT", bound=TurnRequest)
 
 
 def head_angles(angles: Sequence[float], files: int, columns: int) -> list[float]:
@@ -57,7 +59,7 @@ def _si(text: str, counts: float | None, option: str) -> tuple[float, str]:
 
 
 def head_of(
-    record: Record, name: str | int, request: CentreRequest, alpha: float
+    record: Record, name: str | int, request: TurnRequest, alpha: float
 ) -> tuple[HeadReadings, bool]:
     """Return a column of errors with its angles, in SI, and whether an indicator read it.
 
@@ -118,7 +120,7 @@ def unit_warnings(heads: Sequence[HeadReadings]) -> list[str]:
 
 def _in_si(
     channel: Channel,
-    request: CentreRequest,
+    request: TurnRequest,
     option: str,
     allowed: tuple[str, ...],
 ) -> tuple[Array, str]:
@@ -220,19 +222,25 @@ def with_table(request: CentreRequest) -> CentreRequest:
     )
 
 
+def read_turns(
+    files: Sequence[Path], request: TurnRequestT, how: ReadOptions
+) -> tuple[list[Record], TurnRequestT]:
+    """Read records over a turn; without options, by their columns angle and error."""
+    column_notes: list[str] = []
+    if request.angle is None and not (request.error or request.reading or request.turns):
+        angle, errors, *column_notes = default_turn_columns(files[0], how)
+        request = replace(request, angle=angle, error=errors)
+    require_columns(request)
+    read = read_files(files, request.columns, options=how, over="point")
+    read[0] = replace(read[0], notes=(*column_notes, *read[0].notes))
+    return read, request
+
+
 def centre_files(
     files: Sequence[Path], request: CentreRequest, how: ReadOptions = ReadOptions()
 ) -> CentredRecords:
     """Analyse files as `centre_records` does; without options, by their columns angle and error."""
-    column_notes: list[str] = []
-    request = with_table(request)
-    if request.angle is None and not (request.error or request.reading or request.turns):
-        angle, errors, *column_notes = default_turn_columns(files[0], how)
-        request = replace(request, angle=angle, error=errors)
-    _require_columns(request)
-    read = read_files(files, request.columns, options=how, over="point")
-    read[0] = replace(read[0], notes=(*column_notes, *read[0].notes))
-    return centre_records(read, request)
+    return centre_records(*read_turns(files, with_table(request), how))
 
 
 def centre_records(records: Sequence[Record], options: CentreRequest) -> CentredRecords:
@@ -241,7 +249,7 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
     Several records are the heads of one setup if each column has an angle of its own, else
     setups in sequence.
     """
-    _require_columns(options)
+    require_columns(options)
     names = options.names
     at = head_angles(options.heads, len(records), len(names))
     mirror = -1.0 if options.head_direction == "cw" else 1.0
@@ -290,7 +298,7 @@ def _fit(readings: list[tuple[HeadReadings, bool]], options: CentreRequest) -> S
     return replace(setup, notes=tuple(dict.fromkeys((*setup.notes, *notes))))
 
 
-def _require_columns(request: CentreRequest) -> None:
+def require_columns(request: TurnRequest) -> None:
     """Refuse a request whose columns or angles are missing or given twice."""
     if request.angle is None and request.turns is None:
         raise RecordError(

@@ -1,11 +1,11 @@
-"""Request for the analysis of records of a scale on a rotary table."""
+"""Requests for the analysis of records of a scale on a rotary table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from flexstage.base.errors import ModelError, RecordError
-from flexstage.files.ranges import Range, Size, Written
+from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Range, Share, Size, Written
 from flexstage.files.request import Request
 from flexstage.quantities.units import Angle, parse
 from flexstage.records.read_options import Column, ColumnList
@@ -64,8 +64,8 @@ MountingAngle = Annotated[Angle, Written(bare="deg")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CentreRequest(Request):
-    """Eccentricity of a scale on a rotary table, and the move that removes it."""
+class TurnRequest(Request):
+    """Columns of records over a turn of a scale on a rotary table."""
 
     error: ColumnList = ()
     """Numbers or names of the error columns, one for each head: angle reading minus true angle; or,
@@ -90,6 +90,36 @@ class CentreRequest(Request):
     """Angles of the heads or indicators in the room, bare numbers in degrees, such as
     "0,90,180,270".
     """
+    orders: Annotated[tuple[int, ...], Written("RANGE", read=read_orders, write=_orders_text)] = ()
+    """Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are few samples).
+    """
+    turns: Annotated[float, Range(low=0.9)] | None = None
+    """Number of turns in the record, if there is no --angle."""
+    sign: Annotated[int, Range(low=-1, high=1), Written("1|-1")] = 1
+    """-1 if the errors are true angle minus angle reading: all printed and plotted values change
+    their sign.
+    """
+
+    def __post_init__(self) -> None:
+        super(TurnRequest, self).__post_init__()
+        if self.sign == 0:
+            raise ModelError("--sign must be 1 or -1, got 0")
+
+    @property
+    def names(self) -> tuple[str | int, ...]:
+        """Columns of errors or readings."""
+        return self.error or self.reading
+
+    @property
+    def columns(self) -> tuple[str | int, ...]:
+        """All columns to read."""
+        return self.names if self.angle is None else (self.angle, *self.names)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CentreRequest(TurnRequest):
+    """Eccentricity of a scale on a rotary table, and the move that removes it."""
+
     radius: ScaleRadius | None = None
     """Radius at which the scale is read, such as "50 mm"; needed for the eccentricity."""
     kind: Literal["disc", "drum", "magnet"] | None = None
@@ -100,15 +130,6 @@ class CentreRequest(Request):
     table: Annotated[str, Written("TABLE")] | None = None
     """Description of the rotary table (YAML), instead of --heads, --radius, --kind and
     --mounting-angle; its tolerance is the target.
-    """
-    orders: Annotated[tuple[int, ...], Written("RANGE", read=read_orders, write=_orders_text)] = ()
-    """Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are few samples).
-    """
-    turns: Annotated[float, Range(low=0.9)] | None = None
-    """Number of turns in the record, if there is no --angle."""
-    sign: Annotated[int, Range(low=-1, high=1), Written("1|-1")] = 1
-    """-1 if the errors are true angle minus angle reading: all printed and plotted values change
-    their sign.
     """
     head_direction: Literal["ccw", "cw"] = "ccw"
     """Direction in which the heads travel round the scale as the angle grows, seen in the frame x,
@@ -132,8 +153,6 @@ class CentreRequest(Request):
 
     def __post_init__(self) -> None:
         super(CentreRequest, self).__post_init__()
-        if self.sign == 0:
-            raise ModelError("--sign must be 1 or -1, got 0")
         if self.kind == MAGNET and self.radius is not None:
             raise ModelError(
                 "no radius converts the error of a magnet on the axis to micrometres, and signal "
@@ -141,12 +160,46 @@ class CentreRequest(Request):
                 "the gain by trial moves (--stage-at)"
             )
 
-    @property
-    def names(self) -> tuple[str | int, ...]:
-        """Columns of errors or readings."""
-        return self.error or self.reading
 
-    @property
-    def columns(self) -> tuple[str | int, ...]:
-        """All columns to read."""
-        return self.names if self.angle is None else (self.angle, *self.names)
+#: A standard uncertainty of an angle [rad].
+_Uncertainty = Annotated[Angle, NOT_NEGATIVE, Written(bare="arcsec")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrateRequest(TurnRequest):
+    """Calibration of a scale, of two scales, or of a polygon and its table."""
+
+    method: Literal["self", "reference", "equal-division", "cross", "closure", "rosette"] | None = (
+        None
+    )
+    """self: by the differences of two heads or more; reference: against the true angle;
+    equal-division: mean of evenly spaced heads; cross: two scales in several --positions; closure:
+    faces of a polygon by an unknown angle; rosette: polygon and table in several --settings
+    (default: where the records allow only one).
+    """
+    positions: HeadAngles = ()
+    """Angle of the second scale relative to the first in each column or file, bare numbers in
+    degrees; errors are the first reading minus the second.
+    """
+    settings: Annotated[tuple[int, ...], Written("NUMBERS", commas=True)] = ()
+    """Number of faces by which the polygon is turned on the table in each column, such as "0,1,4,6"
+    (default: the numbers that end the names of the columns).
+    """
+    span: Annotated[int, Range(low=1)] = 1
+    """Number of faces from one autocollimator to the other, for closure."""
+    noise: Annotated[Angle, POSITIVE, Written(bare="arcsec")] | None = None
+    """Standard deviation of a reading, a bare number in arcsec (default: from the residuals)."""
+    head_uncertainty: _Uncertainty = 0.0
+    """Standard uncertainty of the angle of each head, a bare number in arcsec."""
+    blind_allowance: _Uncertainty = 0.0
+    """Standard uncertainty for orders that the method cannot see, a bare number in arcsec."""
+    gain_uncertainty: Share = 0.0
+    """Relative standard uncertainty of the gain of the autocollimator, such as "0.1 %"."""
+    axis_motion: bool = False
+    """The axis of the table moves: solve for it at every sample."""
+    best_heads: Annotated[int, Range(low=2)] | None = None
+    """Without records: find the angles of this number of heads with the smallest uncertainty for
+    --orders.
+    """
+    step: Annotated[Angle, POSITIVE, Written(bare="deg")] | None = None
+    """Step of these angles, a whole part of a turn; a bare number is in degrees (default: 10)."""

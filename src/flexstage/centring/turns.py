@@ -193,16 +193,17 @@ def turn_spectrum(angle: ArrayLike, curves: ArrayLike, orders: Iterable[int]) ->
 
 def point_variance(
     spectrum: TurnSpectrum, gains: Complex, visible: NDArray[np.bool_], at: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array | None]:
     """Return the variance of a sum of curves at angles [rad], and the mean variance of each order.
 
     `gains` are factors of each curve and order, times the noise of the curve; `visible` is True for
-    the orders in the sum.
+    the orders in the sum. The third value is the covariance of the cosines, then the sines of the
+    sum; None if they are independent, with the variance of their order.
     """
     h = gains[:, visible]
     if spectrum.spread is None:
         per_order = (2.0 / spectrum.residuals.shape[1]) * np.sum(np.abs(h) ** 2, axis=0)
-        return np.full(at.size, float(per_order.sum())), per_order
+        return np.full(at.size, float(per_order.sum())), per_order, None
     keep = np.flatnonzero(np.concatenate((visible, visible)))
     Q = spectrum.spread[np.ix_(keep, keep)]
     covariance = np.zeros_like(Q)
@@ -213,7 +214,10 @@ def point_variance(
     phase = np.multiply.outer(at, spectrum.orders[visible].astype(np.float64))
     waves = np.hstack((np.cos(phase), -np.sin(phase)))
     per_order = np.diag(covariance).reshape(2, -1).mean(axis=0)
-    return np.einsum("ij,jk,ik->i", waves, covariance, waves, optimize=True), per_order
+    rows = np.einsum("ij,jk,ik->i", waves, covariance, waves, optimize=True)
+    # the sine is minus the imaginary part
+    sign = np.repeat((1.0, -1.0), h.shape[1])
+    return rows, per_order, covariance * np.outer(sign, sign)
 
 
 def _uniform(theta: Array) -> int | None:

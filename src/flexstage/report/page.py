@@ -138,6 +138,7 @@ def _typeset(text: str) -> "Markup":
 #: By type and view: the drawing function in `flexstage.report.figures`, and its parameter for the
 #: result, or those for attributes of it: "profile=profile".
 DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
+    ("HeadArrangement", ""): ("centring.draw_gains", "arrangement"),
     ("HingeResult", ""): ("hinges.draw_notch", "profile=profile"),
     ("HoldNoise", ""): ("noise.draw_hold", "noise"),
     ("Identification", ""): ("identification.draw_identification", "result"),
@@ -150,6 +151,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("CoupledCommand", ""): ("coupled_drives.draw_coupled_command", "result"),
     ("OscillatorIdentification", ""): ("coupled_drives.draw_coupled_prediction", "result=fitted"),
     ("CoupledDriveIdentification", ""): ("coupled_drives.draw_coupled_drives", "result"),
+    ("Calibration", ""): ("centring.draw_calibration", "calibration"),
     ("CentredRecords", ""): ("centring.draw_centred", "centred"),
     ("CompensationCommand", ""): (
         "tracking.draw_feedforward",

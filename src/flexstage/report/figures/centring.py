@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from flexstage.centring.calibrate import Calibration
+    from flexstage.centring.calibration import HeadArrangement
     from flexstage.centring.from_records import CentredRecords
     from flexstage.studies.scale import ScaleStudy
 
@@ -35,6 +37,59 @@ def draw_centred(centred: "CentredRecords") -> "Figure":
     """Draw the successive setups of a scale, as read by their first heads."""
     fits, angles = zip(*((s.fits[0], s.heads[0].angle) for s in centred.setups), strict=True)
     return draw_polar(fits, angles)
+
+
+def draw_calibration(calibration: "Calibration") -> "Figure":
+    """Draw the errors of each circle with their 95 % intervals, and its harmonics."""
+    divisions = calibration.divisions
+    figure = new_figure(9.6, 3.3 * len(divisions))
+    axes = figure.subplots(len(divisions), 2, width_ratios=(1.4, 1.0), squeeze=False)
+    for (left, right), division in zip(axes, divisions, strict=True):
+        size = division.error.size
+        rows = [division.estimate(i % size) for i in range(size + 1)]
+        angle = 360.0 * np.arange(size + 1) / size
+        value = np.array([row.value for row in rows]) / ARCSEC
+        half = np.array([row.expanded for row in rows]) / ARCSEC
+        style_axes(left)
+        # nothing is known between two faces
+        if calibration.method in ("closure", "rosette"):
+            left.errorbar(
+                angle, value, yerr=half, fmt="o", color=CYCLE[0], markersize=4.0,
+                ecolor=INK, elinewidth=0.9, capsize=2.4,
+            )  # fmt: skip
+        else:
+            left.fill_between(angle, value - half, value + half, color=CYCLE[0], alpha=0.3)
+            left.plot(angle, value, color=CYCLE[0], linewidth=1.0)
+        left.set(xlabel="angle [deg]", ylabel="error [arcsec]", xlim=(-6.0, 366.0))
+        left.set_xticks(range(0, 361, 60))
+        set_title(left, f"{division.name}, with 95 % intervals")
+        style_axes(right)
+        amplitudes = [division.harmonic(n)[2] for n in division.orders]
+        sizes = [a.value / ARCSEC for a in amplitudes]
+        expanded = [a.expanded / ARCSEC for a in amplitudes]
+        right.bar(
+            division.orders, sizes, color=CYCLE[0], yerr=expanded,
+            error_kw={"ecolor": INK, "elinewidth": 0.7, "capsize": 1.6},
+        )  # fmt: skip
+        right.set(xlabel="order [per turn]", ylabel="amplitude [arcsec]")
+        right.set_ylim(bottom=0.0)
+        set_title(right, "harmonics with 95 % intervals")
+    return figure
+
+
+def draw_gains(arrangement: "HeadArrangement") -> "Figure":
+    """Draw the gain of noise of each order by heads at given angles, and its bound."""
+    figure = new_figure(6.4, 3.4)
+    axes = figure.add_subplot()
+    style_axes(axes)
+    axes.bar(arrangement.orders, arrangement.gain, color=CYCLE[0], label="gain")
+    bound = 1.0 / math.sqrt(arrangement.heads.size)
+    axes.axhline(bound, color=INK, linewidth=0.8, linestyle=(0, (5, 3)), label="bound")
+    axes.set(xlabel="order [per turn]", ylabel="uncertainty over that of a reading [1]")
+    add_legend(axes, loc="upper right")
+    angles = ", ".join(f"{a:g}" for a in np.degrees(arrangement.heads).round(6))
+    set_title(axes, f"heads at {angles} deg")
+    return figure
 
 
 def draw_polar(
