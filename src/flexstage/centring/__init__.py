@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.centring.asynchronous_motion import axis_motion, mean_turn
+    from flexstage.centring.asynchronous_motion import axis_motion, error_motion, mean_turn
     from flexstage.centring.calibration import (
         ScaleReadings,
         against_reference,
@@ -45,6 +45,7 @@ __all__ = [
     "cross_calibration",
     "eccentricity",
     "equal_division",
+    "error_motion",
     "exact_error",
     "first_order_error",
     "fit_harmonics",
