@@ -19,6 +19,10 @@ direction. So R and E are compared with the largest R_i and the extreme means of
 of targets. Of the third the readings are rounded to five decimals like the figures, which moves
 these by one in the last; its R_i has squares in it that the standard's has not, and is left out.
 
+No readings of a rotary axis were found with the figures that its maker printed: the first two
+tables are evaluated as angles too, and the circle that closes by hand in
+``test_positioning_standard.py``.
+
 Evidence (Measuring and centring): ISO 230-2 (printed tables of three machines): last digit
 """
 

@@ -1,6 +1,7 @@
 """Positioning figures against ISO 230-2:2014: worked by hand, and by loops over its definitions.
 
-Evidence (Measuring and centring): ISO 230-2 (example by hand, plain loops): $10^{-6}$
+Evidence (Measuring and centring): ISO 230-2 (examples by hand, of a line and of a closed circle,
+plain loops): $10^{-6}$
 
 Evidence (Coverage of 95 % intervals): ISO 230-2, 5 and 3 runs: means; A and R, 600 repetitions:
 92.5 to 98; at least 92.5 % required, *simulated*
