@@ -397,7 +397,7 @@ def test_positioning() -> None:
     said = found.results[0].notes
     assert said[0].startswith("4 runs to 6 targets: one row for each approach")
     assert any("zero of the reading differs by +3.3" in note for note in said)
-    with pytest.raises(RecordError, match=r"targets are positions in m, and the command is in 'V'"):
+    with pytest.raises(RecordError, match="positions in m or angles, and the command is in 'V'"):
         run(test, record(over="point", wanted=(command, "V"), along=(along, "m")))
     with pytest.raises(RecordError, match="from both sides"):
         run(test, record(over="point", wanted=(command[:6], "m"), along=(along[:6], "m")))

@@ -19,6 +19,10 @@ direction. So R and E are compared with the largest R_i and the extreme means of
 of targets. Of the third the readings are rounded to five decimals like the figures, which moves
 these by one in the last; its R_i has squares in it that the standard's has not, and is left out.
 
+No readings of a rotary axis were found with the figures that its maker printed: the first two
+tables are evaluated as angles too, and the circle that closes by hand in
+``test_positioning_standard.py``.
+
 Evidence (Measuring and centring): ISO 230-2 (printed tables of three machines): last digit
 """
 
@@ -283,6 +287,39 @@ def test_published_figures_in_every_form(machine: Machine, form: str) -> None:
         # the difference of two printed means may be off by one in the last digit
         worst = 1.02e-2 if name == "systematic" else 5.2e-3
         assert 1e6 * getattr(found, name).value == pytest.approx(value, abs=worst), name
+
+
+@pytest.mark.parametrize("form", ["standard", "sorted", "runs in columns", "rests, said"])
+@pytest.mark.parametrize("machine", [WHEEL, SLIT], ids=["wheel", "slit"])
+def test_published_figures_as_those_of_a_rotary_axis(machine: Machine, form: str) -> None:
+    """The formulae know no unit: mm as deg and um as arcsec, every printed digit is the same."""
+    test, record = formed(form, machine)
+    arcsec = np.radians(1.0 / 3600.0)
+    at = record.channel("wanted").values
+    channels = [
+        replace(c, unit="rad", values=np.radians(c.values / MM))
+        if c.name == "wanted"
+        else replace(c, unit="rad", values=c.values / UM * arcsec)
+        if test.deviations and c.unit
+        else replace(c, unit="rad", values=np.radians(at / MM) + (c.values - at) / UM * arcsec)
+        if c.unit
+        else c
+        for c in record.channels
+    ]
+    result = evaluate(
+        Campaign(tests=(test,)), lambda _: [replace(record, channels=tuple(channels))]
+    ).results[0]
+    found = result.details["positioning"]
+    assert np.degrees(found.target) == pytest.approx(machine.target, abs=1e-9)
+    assert tables(found) * UM / arcsec == pytest.approx(np.array(machine.at_targets), abs=5.2e-3)
+    for name, value in machine.printed.items():
+        estimate = getattr(found, name)
+        assert estimate.value / arcsec == pytest.approx(value, abs=5.2e-3), name
+    shown = {f.quantity: f.estimate.value / arcsec for f in result.figures}
+    assert shown["rotation_accuracy"] == pytest.approx(machine.printed["accuracy"], abs=5.2e-3)
+    assert {f.quantity.partition("_")[0] for f in result.figures} == {"rotation"}
+    axes = draw_positioning(found).axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("target [deg]", "deviation [arcsec]")
 
 
 def test_published_figures_of_the_third_machine() -> None:

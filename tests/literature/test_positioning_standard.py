@@ -1,6 +1,7 @@
 """Positioning figures against ISO 230-2:2014: worked by hand, and by loops over its definitions.
 
-Evidence (Measuring and centring): ISO 230-2 (example by hand, plain loops): $10^{-6}$
+Evidence (Measuring and centring): ISO 230-2 (examples by hand, of a line and of a closed circle,
+plain loops): $10^{-6}$
 
 Evidence (Coverage of 95 % intervals): ISO 230-2, 5 and 3 runs: means; A and R, 600 repetitions:
 92.5 to 98; at least 92.5 % required, *simulated*
@@ -62,6 +63,57 @@ def test_example_by_hand() -> None:
     assert found.reversal_at_targets == pytest.approx(unit * np.array([-5.0, -4.0, -8.0]))
     assert found.mean_bidirectional == pytest.approx(unit * np.array([5.5, 11.0, 2.0]))
     assert found.runs == 2
+
+
+def test_closed_circle_by_hand() -> None:
+    """Four targets, two runs: 0 and 360 deg are one position, whose closure error stays.
+
+    Means up 2, 5, -1, 4 and down 6, 10, 3, 10 arcsec; s = sqrt 2 but 2 sqrt 2 up at 360. B_i = -4,
+    -5, -4, -6, so that the mean reversal is ((-4 - 6) / 2 - 5 - 4) / 3. Means of both 4, 7.5, 1, 7.
+    """
+    unit = math.radians(1.0 / 3600.0)
+    target = np.radians([0.0, 120.0, 240.0, 360.0])
+    up = target[:, None] + unit * np.array([[1, 3], [4, 6], [-2, 0], [2, 6]])
+    down = target[:, None] + unit * np.array([[5, 7], [9, 11], [2, 4], [9, 11]])
+    found = positioning(target, up, down, unit="rad", trials=50)
+    r = math.sqrt(2.0)
+    expected = {
+        "reversal": 6.0, "mean_reversal": -14.0 / 3.0, "repeatability_upward": 8.0 * r,
+        "repeatability_downward": 4.0 * r, "repeatability": 6.0 * r + 6.0,
+        "systematic_upward": 6.0, "systematic_downward": 7.0, "systematic": 11.0,
+        "mean_deviation": 6.5, "accuracy_upward": 5.0 + 6.0 * r,
+        "accuracy_downward": 7.0 + 4.0 * r, "accuracy": 11.0 + 4.0 * r,
+    }  # fmt: skip
+    for name, value in expected.items():
+        estimate = getattr(found, name)
+        assert estimate.value == pytest.approx(unit * value, rel=1e-9), name
+        assert estimate.unit == "rad"
+    # the two runs close by 2.5 and 3.5
+    assert found.closure is not None
+    assert found.closure.value == pytest.approx(3.0 * unit, rel=1e-9)
+    assert found.closure.uncertainty == pytest.approx(0.5 * unit, rel=1e-9)
+    assert (found.positions, found.targets_required) == (3, 8)
+    # the same readings at three targets, and of a linear axis, close nothing
+    for other in (
+        positioning(target[:3], up[:3], down[:3], unit="rad", trials=50),
+        positioning(target, up, down, trials=50),
+    ):
+        assert other.closure is None
+        reversal = other.reversal_at_targets.mean()
+        assert other.mean_reversal.value == pytest.approx(reversal, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "travel", "asked"),
+    [("rad", 30, 3), ("rad", 90, 3), ("rad", 91, 5), ("rad", 180, 5), ("rad", 181, 8),
+     ("rad", 360, 8), ("rad", 405, 9), ("rad", 720, 16), ("m", 0.04, 5), ("m", 1.0, 5),
+     ("m", 1.5, 8)],
+)  # fmt: skip
+def test_targets_that_the_standard_asks_for(unit, travel, asked) -> None:
+    ends = np.array([0.0, np.radians(travel) if unit == "rad" else travel])
+    readings = ends[:, None] + np.zeros((2, 2))
+    found = positioning(ends, readings, readings, unit=unit, trials=2)
+    assert found.targets_required == asked
 
 
 def by_loops(up: list[list[float]], down: list[list[float]]) -> dict[str, float]:

@@ -501,6 +501,112 @@ def test_positioning_as_the_standard_has_it(capsys, tmp_path):
     assert "27.799" in page
 
 
+ROTARY = ("--test", "positioning", "--axis", "c", "--column", "command=0")
+
+
+def turned(path, angles, head="target (deg),u1 (deg),u2 (deg),d1 (deg),d2 (deg)"):
+    """Write targets [deg] of which the table is 1, 3 arcsec off upward and 5, 7 downward."""
+    off = np.array([1.0, 3.0, 5.0, 7.0]) / 3600.0
+    # an encoder that begins again at 0 after a turn
+    rows = [(f"{a}", *(f"{(a + o) % 360.0:.9f}" for o in off)) for a in angles]
+    path.write_text("\n".join((head, *(",".join(row) for row in rows))) + "\n")
+    return path
+
+
+def test_rotary_positioning(capsys, tmp_path):
+    path = turned(tmp_path / "turn.csv", range(0, 361, 60))
+    words = (*ROTARY, "--column", "upward=1,2", "--column", "downward=3,4")
+    _, out, err = run(capsys, path, *words)
+    assert err == ""
+    # means 2 and 6, s = sqrt 2: A = 4 + 4 sqrt 2, R = 4 sqrt 2 + 4, B = 4
+    assert re.search(r"Reversal B +c +4\.000000 .* arcsec", out)
+    assert re.search(r"\nA +accuracy +5\.6568 .* 9\.6568 ", out)
+    assert re.search(r"closure error of the turn +0\.0000 ", out)
+    assert re.search(r"\n360 +2\.0000 +6\.0000 +4\.0000 +−4\.0000 ", out)
+    flat = " ".join(out.split())
+    assert "asks for 8 targets or more over 360 deg and for 5 runs each way" in flat
+    assert "this test has 6 and 2" in flat
+    assert "targets 0, 360 deg are one position" in flat
+    # deviations in another unit of angle; seven targets of half a turn close nothing
+    rows = "".join(f"{a},1,3,5,7\n" for a in range(0, 181, 30))
+    path.write_text("target (deg),u1 (arcsec),u2 (arcsec),d1 (arcsec),d2 (arcsec)\n" + rows)
+    result = found(capsys, path, *words, "--deviations", "--sensor", "calibration=1e-6")
+    accuracy = next(c for c in result["characteristics"] if c["quantity"] == "rotation_accuracy")
+    arcsec = np.radians(1.0 / 3600.0)
+    assert accuracy["unit"] == "rad"
+    assert accuracy["value"] == pytest.approx((4.0 + 4.0 * 2.0**0.5) * arcsec, rel=1e-9)
+    gain = next(part for part in accuracy["budget"] if part["name"] == "calibration")
+    assert gain["uncertainty"] == pytest.approx(1e-6 * np.pi, rel=1e-6)
+    notes = result["tests"][0]["notes"]
+    assert any("asks for 5 targets or more over 180 deg" in note for note in notes)
+    assert not any("one position" in note for note in notes)
+
+
+def test_rotary_positioning_that_is_refused(capsys, tmp_path):
+    lengths = "target (deg),u1 (um),u2 (um),d1 (um),d2 (um)"
+    words = (*ROTARY, "--column", "upward=1,2", "--column", "downward=3,4")
+    path = turned(tmp_path / "t.csv", (0, 45, 90), lengths)
+    refused(capsys, "'u1' is in m, and 'upward' needs a unit of angle", tmp_path, path, *words)
+    path = turned(tmp_path / "t.csv", (0, 45, 90), "target,u1,u2,d1,d2")
+    refused(capsys, "'target' does not give its unit, and 'command' needs", tmp_path, path, *words)
+    volts = turned(
+        tmp_path / "t.csv", (0, 45, 90), "target (V),u1 (deg),u2 (deg),d1 (deg),d2 (deg)"
+    )
+    refused(capsys, "positions in m or angles, and the command is in 'V'", tmp_path, volts, *words)
+    again = "target (deg),read (deg)\n" + "".join(f"{a},{a}\n" for a in (0, 120, 240, 0, 120, 240))
+    path.write_text(again)
+    said = "row 4 begins again at target 0 deg after 240 deg"
+    refused(capsys, said, tmp_path, path, *ROTARY, "--column", "along=1")
+
+
+def test_axis_of_rotation(capsys, tmp_path):
+    angle = np.arange(5.0 * 90.0) * 4.0
+    theta = np.radians(angle)
+    wobble = 0.05 * np.cos(1.2 * theta)
+    columns = {
+        "angle (deg)": angle % 360.0,
+        "x (um)": 30.0 * np.cos(theta) + 0.2 * np.cos(2.0 * theta) + wobble,
+        "y (um)": 30.3 * np.sin(theta),
+        "z (um)": 2.0 * np.cos(theta - 1.0),
+        "tilt (arcsec)": 3.0 * np.sin(theta),
+    }
+    path = tmp_path / "axis.csv"
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.9f")
+    words = ("--test", "axis-of-rotation", "--axis", "c", "--column", "angle=0")
+    roles = [w for k, r in enumerate(("radial", "radial_90", "axial", "tilt"), start=1)
+             for w in ("--column", f"{r}={k}")]  # fmt: skip
+    result = found(capsys, path, *words, *roles, "--sensor", "calibration=0.1%")
+    figures = {c["quantity"]: c for c in result["characteristics"]}
+    arcsec = np.radians(1.0 / 3600.0)
+    for quantity, value in (
+        ("eccentricity", 30e-6), ("radial_synchronous", 0.4e-6), ("axial_synchronous", 4e-6),
+        ("axial_once_per_turn", 4e-6), ("tilt_synchronous", 6.0 * arcsec),
+        ("tilt_once_per_turn", 6.0 * arcsec),
+    ):  # fmt: skip
+        assert figures[quantity]["value"] == pytest.approx(value, rel=5e-3), quantity
+    # five fifths of a turn of the wobble: cos over 0, 72, ... deg, at its widest
+    widest = 2.0 * 0.05e-6 * np.cos(np.pi / 10.0)
+    assert figures["radial_asynchronous"]["value"] == pytest.approx(widest, rel=5e-3)
+    gain = next(p for p in figures["eccentricity"]["budget"] if p["name"] == "calibration")
+    assert gain["uncertainty"] == pytest.approx(30e-9, rel=1e-3)
+    notes = " ".join(result["tests"][0]["notes"])
+    assert "5 turns: asynchronous" in notes
+    assert "order 1 of axial motion and tilt is no eccentricity" in notes
+    # x cos + y sin: half of 1 % of 30 um as order 2, beside order 3 of the motion
+    assert "rotating direction: order 2 has 0.15 um" in notes
+    turning = np.ptp(0.1 * np.cos(3.0 * theta) - 0.15 * np.cos(2.0 * theta))
+    value = figures["rotating_synchronous"]["value"]
+    assert value == pytest.approx(1e-6 * float(turning), rel=5e-3)
+    for said, more in (
+        ("needs the column of 'radial', 'axial' or", ()),
+        ("that of 'radial' with 'radial_90'", ("axial=3", "radial_90=2")),
+        ("'tilt' is in rad, and 'radial' needs a unit of length", ("radial=4",)),
+    ):
+        named = [word for role in more for word in ("--column", role)]
+        refused(capsys, said, tmp_path, path, *words, *named)
+
+
 PLAN = """campaign: 1
 stage: {stage}
 instruments:

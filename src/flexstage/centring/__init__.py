@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.centring.asynchronous_motion import axis_motion, mean_turn
+    from flexstage.centring.asynchronous_motion import axis_motion, error_motion, mean_turn
     from flexstage.centring.calibration import (
         ScaleReadings,
         against_reference,
@@ -51,6 +51,7 @@ __all__ = [
     "dual_closure",
     "eccentricity",
     "equal_division",
+    "error_motion",
     "exact_error",
     "first_order_error",
     "fit_harmonics",

@@ -1,9 +1,10 @@
-"""Asynchronous error of one head, and asynchronous motion of the axis from several heads."""
+"""Synchronous and asynchronous motion of an axis, from indicators or from heads of a scale."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +13,12 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.geometry import require_radius
 from flexstage.centring.harmonics import fit_many
-from flexstage.centring.turns import find_turns
+from flexstage.centring.turns import Turns, find_turns
 from flexstage.quantities.estimate import Estimate
 
 _TURN = 2.0 * math.pi
+#: Sensitive direction: radial and fixed, radial and turning with the axis, axial, or a tilt.
+Direction = Literal["radial", "rotating", "axial", "tilt"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,13 +80,7 @@ def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTu
     >>> print(f"{1e6 * np.ptp(turn.synchronous):.2f} {1e6 * turn.asynchronous_rms.value:.2f}")
     4.00 0.25
     """
-    turns = find_turns(angle)
-    y = np.asarray(value, dtype=np.float64)
-    if y.shape != turns.angle.shape or not np.isfinite(y).all():
-        raise RecordError(
-            f"the values must be finite, and as many as the angles, {turns.angle.size}, got shape "
-            f"{y.shape}"
-        )
+    turns, y = _over_turns(angle, value)
     full_turns = len(turns.bounds) - 1
     if full_turns < 2 or turns.count < 1.9:
         raise RecordError(
@@ -122,6 +119,158 @@ def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTu
             "",
         ),
         turns=full_turns,
+    )
+
+
+def _over_turns(angle: ArrayLike, value: ArrayLike) -> tuple[Turns, Array]:
+    """Return the turns of the angles and the values, one for each angle."""
+    turns = find_turns(angle)
+    y = np.asarray(value, dtype=np.float64)
+    if y.shape != turns.angle.shape or not np.isfinite(y).all():
+        raise RecordError(
+            f"the values must be finite, and as many as the angles, {turns.angle.size}, got shape "
+            f"{y.shape}"
+        )
+    return turns, y
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisErrorMotion:
+    """Error motion of an axis of rotation in one direction, as in ISO 230-7."""
+
+    angle: Array
+    """Angles of the mean turn from the first sample on [rad], shape (k,)."""
+    mean: Array
+    """Mean over the turns without what is removed [m or rad], shape (k,)."""
+    once_per_turn: Estimate
+    """Amplitude of order 1: of a fixed radial direction, the eccentricity [m or rad]."""
+    synchronous: Estimate
+    """Range of the mean over the turns [m or rad]."""
+    asynchronous: Estimate
+    """Largest range over the turns about their mean at any angle [m or rad]; grows with turns."""
+    turns: int
+    """Number of turns."""
+
+
+def error_motion(
+    angle: ArrayLike, value: ArrayLike, *, direction: Direction = "radial"
+) -> AxisErrorMotion:
+    r"""Evaluate an indicator over turns of an axis in the manner of ISO 230-7.
+
+    The reading is interpolated to equal angles. Its mean over the turns is the synchronous motion,
+    without what belongs to the place of the artefact: order 0, and order 1 of a radial direction,
+    the least-squares centre. Order 1 of an axial or tilt motion is no eccentricity and stays.
+
+    Parameters
+    ----------
+    angle : array_like
+        Angle of each sample [rad], shape (n,), wrapped or not.
+    value : array_like
+        Reading of the indicator [m], of a tilt [rad], shape (n,).
+    direction : str
+        radial for an indicator that stands still; axial; tilt; rotating for
+        :math:`x\cos\theta + y\sin\theta` of two radial ones, the second a quarter turn further
+        in the direction of growing angle.
+
+    Returns
+    -------
+    AxisErrorMotion
+        Values as the standard defines them. Their intervals are simulated with the scatter of
+        turns: noise widens a range.
+
+    Validity
+    --------
+    The form of the artefact counts as synchronous motion: separate it by reversal or several
+    indicators. Turns are independent; a drift from turn to turn counts as asynchronous. Orders well
+    below half the samples of a turn: samples that fall between those angles are averaged in pairs.
+    In the rotating direction order 2 is the one to distrust: an eccentricity e read with indicators
+    whose gains differ by the share g gives an amplitude e g / 2 there, and all of e if the second
+    indicator stands a quarter turn the other way.
+
+    Raises
+    ------
+    RecordError
+        There are fewer than two turns, a gap of more than 45 deg, or an angle that reverses.
+
+    Examples
+    --------
+    >>> theta = np.arange(20 * 360) * np.pi / 180.0
+    >>> reading = 30e-6 * np.cos(theta - 0.4) + 0.2e-6 * np.cos(3.0 * theta)
+    >>> found = error_motion(theta, reading + 0.05e-6 * np.cos(1.5 * theta))
+    >>> amounts = (found.once_per_turn, found.synchronous, found.asynchronous)
+    >>> print(" ".join(f"{1e6 * amount.value:.3f}" for amount in amounts))
+    30.000 0.400 0.100
+    """
+    turns, y = _over_turns(angle, value)
+    per_turn = round(y.size / turns.count)
+    full = math.floor(turns.count + 0.5 / max(per_turn, 1))
+    u = turns.direction * (turns.angle - turns.angle[0]) / _TURN
+    order = np.argsort(u, kind="stable")
+    u, y = u[order], y[order]
+    gap = float(np.diff(u).max())
+    if full < 2 or turns.direction == 0 or gap > 0.125 + 1e-6:
+        raise RecordError(
+            f"the samples cover {turns.count:.2f} turns with a largest gap of {360.0 * gap:.3g} "
+            "deg: error motion needs two whole turns or more in one direction, with gaps of at "
+            "most 45 deg"
+        )
+    inside = u < full
+    design = np.column_stack((np.ones(u.size), np.cos(_TURN * u), np.sin(_TURN * u)))
+    centre = np.linalg.lstsq(design[inside], y[inside])[0]
+    # straight lines between samples would fall short of a large order 1
+    grid = np.arange(full * per_turn) / per_turn
+    table = np.interp(grid, u, y - design @ centre).reshape(full, per_turn)
+    theta = _TURN * grid[:per_turn]
+    off = table - table.mean(axis=0)
+    unit = "rad" if direction == "tilt" else "m"
+    mean = table.mean(axis=0)
+    if direction in ("axial", "tilt"):
+        mean = mean + centre[1] * np.cos(theta) + centre[2] * np.sin(theta)
+    amplitude = math.hypot(centre[1], centre[2])
+    of_turns = 2.0 / per_turn * table @ np.cos(theta - math.atan2(centre[2], centre[1]))
+    scatter = float(of_turns.std(ddof=1)) / math.sqrt(full)
+    source = "scatter of turns"
+    once = Estimate.of(amplitude, scatter, unit, source=source, degrees_of_freedom=full - 1)
+    once = replace(once, bounds=(max(once.interval()[0], 0.0), once.interval()[1]))
+    synchronous, asynchronous = _ranges(mean, off, unit)
+    return AxisErrorMotion(
+        angle=theta, mean=mean, once_per_turn=once, synchronous=synchronous,
+        asynchronous=asynchronous, turns=full,
+    )  # fmt: skip
+
+
+def _ranges(mean: Array, off: Array, unit: str) -> tuple[Estimate, Estimate]:
+    """Return the ranges of a mean turn, and of the turns about it, shape (turns, k)."""
+    turns, freedom = len(off), len(off) - 1
+    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(0,)))
+    trials = int(np.clip(4e9 / (off.size * turns), 40, 400))
+    ranges = np.empty((2, trials))
+    for i in range(trials):
+        # turns with the covariance over the angle that these have
+        sampled = rng.standard_normal((turns, turns)) @ off / math.sqrt(freedom)
+        shift = sampled.mean(axis=0)
+        ranges[1, i] = np.ptp(sampled - shift, axis=0).max()
+        # that covariance is known from few turns
+        ranges[0, i] = np.ptp(mean + shift * math.sqrt(freedom / rng.chisquare(freedom)))
+    range_of_mean, largest = float(np.ptp(mean)), float(np.ptp(off, axis=0).max())
+    # noise widens the range of the mean, which is not taken off; the other one is a range of noise
+    widened = ranges[0] - range_of_mean
+    return (
+        _range(range_of_mean, widened, float(widened.mean()), unit, freedom),
+        _range(largest, ranges[1] - ranges[1].mean(), 0.0, unit, freedom),
+    )
+
+
+def _range(value: float, error: Array, bias: float, unit: str, freedom: int) -> Estimate:
+    """Return a range with the interval that its simulated errors give."""
+    low, high = value - np.quantile(error, (0.975, 0.025))
+    return Estimate.of(
+        value,
+        float(error.std()),
+        unit,
+        source="scatter of turns",
+        degrees_of_freedom=freedom,
+        bounds=(min(max(float(low), 0.0), value), max(float(high) + bias, value)),
     )
 
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
+_ARCSEC = 180.0 * 3600.0 / math.pi
 _SMALLER = {"µ": "n", "n": "p"}
 _PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
 
@@ -147,6 +148,23 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("repeatability", "m", "Repeatability (standard deviation)", "nm", 1e9),
         Quantity("reversal", "m", "Reversal B", "µm", 1e6),
         Quantity("mean_reversal", "m", "Mean reversal", "µm", 1e6),
+        Quantity("rotation_accuracy", "rad", "Accuracy of rotation A", "arcsec", _ARCSEC),
+        Quantity("rotation_repeatability", "rad", "Repeatability of rotation R", "arcsec", _ARCSEC),
+        Quantity("rotation_systematic", "rad", "Systematic deviation E", "arcsec", _ARCSEC),
+        Quantity("rotation_mean_deviation", "rad", "Mean deviation M", "arcsec", _ARCSEC),
+        Quantity("rotation_reversal", "rad", "Reversal B", "arcsec", _ARCSEC),
+        Quantity("rotation_mean_reversal", "rad", "Mean reversal", "arcsec", _ARCSEC),
+        Quantity("eccentricity", "m", "Eccentricity of the artefact", "µm", 1e6),
+        Quantity("radial_synchronous", "m", "Radial motion, synchronous", "µm", 1e6),
+        Quantity("radial_asynchronous", "m", "Radial motion, asynchronous", "µm", 1e6),
+        Quantity("rotating_synchronous", "m", "Rotating direction, synchronous", "µm", 1e6),
+        Quantity("rotating_asynchronous", "m", "Rotating direction, asynchronous", "µm", 1e6),
+        Quantity("axial_synchronous", "m", "Axial motion, synchronous", "µm", 1e6),
+        Quantity("axial_asynchronous", "m", "Axial motion, asynchronous", "µm", 1e6),
+        Quantity("axial_once_per_turn", "m", "Axial motion, order 1 (face run-out)", "µm", 1e6),
+        Quantity("tilt_synchronous", "rad", "Tilt, synchronous", "arcsec", _ARCSEC),
+        Quantity("tilt_asynchronous", "rad", "Tilt, asynchronous", "arcsec", _ARCSEC),
+        Quantity("tilt_once_per_turn", "rad", "Tilt, order 1", "arcsec", _ARCSEC),
         Quantity("squareness", "rad", "Squareness", "µrad", 1e6),
         Quantity("workspace_area", "m^2", "Area of the workspace", "µm²", 1e12),
         Quantity("condition_number", "1", "Condition number of the Jacobian", "", 1.0),

@@ -10,7 +10,7 @@ from flexstage.experiments.campaign.results import TestResult
 from flexstage.files.cache.memory import Memory
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities.characteristic import shown_units
-from flexstage.quantities.quantity import Quantity, display, number, prefixed, value_and_uncertainty
+from flexstage.quantities.quantity import Quantity, display, number, value_and_uncertainty
 from flexstage.quantities.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.quantities.table import Cell, Column, Table, table
 from flexstage.quantities.units import readable
@@ -26,6 +26,7 @@ _AXIS: tuple[tuple[str, str, str], ...] = (
     ("M", "mean bidirectional deviation", "mean_deviation"),
     ("B", "reversal value", "reversal"),
     ("B̄", "mean reversal value", "mean_reversal"),
+    ("", "closure error of the turn", "closure"),
 )
 
 
@@ -46,7 +47,7 @@ def positioning_tables(positioning: Positioning) -> PositioningTables:
     # digits of A, one more than in tests of machines
     shown_digits = 5
     accuracy = abs(positioning.accuracy.value)
-    factor, prefix = prefixed(accuracy)
+    (target_factor, target_unit), (factor, unit) = positioning.shown_units
     size = factor * accuracy
     digits = shown_digits - 1 - math.floor(math.log10(size)) if size > 0.0 else 0
     decimals = min(max(digits, 0), shown_digits - 1)  # the remainder of exact positions is rounding
@@ -60,7 +61,6 @@ def positioning_tables(positioning: Positioning) -> PositioningTables:
             return "", ""
         return text(estimate.value), f"{float(f'{factor * estimate.expanded:.2g}'):g}"
 
-    target_factor, target_prefix = prefixed(float(abs(positioning.target).max()))
     columns = (
         positioning.mean_upward,
         positioning.mean_downward,
@@ -82,6 +82,7 @@ def positioning_tables(positioning: Positioning) -> PositioningTables:
             *value_and_interval(name),
         )
         for symbol, label, name in _AXIS
+        if name != "closure" or positioning.closure is not None
     )
     at_targets = (
         (f"{target_factor * at:.7g}".replace("-", "−"), *(text(float(v[i])) for v in columns))
@@ -89,9 +90,9 @@ def positioning_tables(positioning: Positioning) -> PositioningTables:
     )
     heads = ("x̄ ↑", "x̄ ↓", "x̄", "B", "s ↑", "s ↓", "R ↑", "R ↓", "R")
     return PositioningTables(
-        unit=f"{prefix}m",
+        unit=unit,
         axis=table("", ("", "<ISO 230-2", "upward", pm, "downward", pm, "both", pm), of_axis),
-        targets=table("", (f"target [{target_prefix}m]", *heads), at_targets),
+        targets=table("", (f"target [{target_unit}]", *heads), at_targets),
     )
 
 

@@ -17,7 +17,8 @@ from flexstage.records.quality import require_live, require_unclipped
 #: Allowed units by role; a role that is not listed may have any unit.
 _UNITS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("along", "across", "vertical", "x", "y", "upward", "downward"), ("m",)),
-    **dict.fromkeys(("roll", "pitch", "yaw"), ("rad",)),
+    **dict.fromkeys(("radial", "radial_90", "axial"), ("m",)),
+    **dict.fromkeys(("roll", "pitch", "yaw", "angle", "tilt"), ("rad",)),
     "command": ("V", "m", "1", "rad", "count"),
 }
 #: Roles of sensors, which must not be clipped.
@@ -135,6 +136,9 @@ def _in_unit(test: Test, record: Record, role: str, column: str) -> Channel:
     """Return a column; refuse a unit that its role cannot have."""
     channel = record.channel(column)
     allowed = _UNITS.get(role)
+    if test.test == "positioning" and role != "command" and test.columns.command is not None:
+        # readings at the targets of a rotary axis are angles too
+        allowed = ("rad",) if record.channel(test.columns.command).unit == "rad" else ("m",)
     if allowed is not None and channel.unit not in allowed:
         got = f"is in {channel.unit}" if channel.unit else "does not give its unit"
         expected = "a unit of length" if allowed == ("m",) else f"one of {', '.join(allowed)}"

@@ -1,12 +1,14 @@
-"""Tests of motion: an axis by sensors or by spheres, and the workspace corners of two axes."""
+"""Tests of motion: linear axes by sensors or spheres, axes of rotation, corners of a workspace."""
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
+from flexstage.centring.asynchronous_motion import AxisErrorMotion, Direction, error_motion
 from flexstage.experiments.campaign.loading import column, only, optional_column, sphere_columns
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
@@ -297,3 +299,71 @@ def evaluate_workspace(test: Test, records: list[Record], campaign: Campaign) ->
         details={"workspace": corners},
         notes=tuple(notes),
     )
+
+
+def evaluate_axis(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
+    """Evaluate indicators over turns of an axis of rotation, in the manner of ISO 230-7.
+
+    The columns are ``angle`` and one or more of ``radial``, ``axial`` and ``tilt``; with
+    ``radial_90`` as well as ``radial`` also the sensitive direction that turns with the axis.
+    """
+    record = only(test, records)
+    angle = column(test, record, "angle")
+    fixed: tuple[Direction, ...] = ("radial", "axial", "tilt")
+    readings: dict[Direction, Array] = {}
+    for role in fixed:
+        if getattr(test.columns, role) is not None:
+            readings[role] = column(test, record, role)
+    second = optional_column(test, record, "radial_90")
+    if not readings or (second is not None and "radial" not in readings):
+        raise RecordError(
+            f"test '{test.name}' of kind {test.test} needs the column of 'radial', 'axial' or "
+            "'tilt', and that of 'radial' with 'radial_90': name it"
+        )
+    if second is not None:
+        readings["rotating"] = readings["radial"] * np.cos(angle) + second * np.sin(angle)
+    figures: list[MeasuredCharacteristic] = []
+    motions: dict[str, AxisErrorMotion] = {}
+    for role, reading in readings.items():
+        motion = motions[role] = error_motion(angle, reading, direction=role)
+        sensor = campaign.instrument(test.angle if role == "tilt" else test.transverse)
+        amounts = {
+            f"{role}_synchronous": motion.synchronous,
+            f"{role}_asynchronous": motion.asynchronous,
+        }
+        if role == "radial":
+            amounts["eccentricity"] = motion.once_per_turn
+        elif role != "rotating":
+            amounts[f"{role}_once_per_turn"] = motion.once_per_turn.times(2.0)
+        for quantity, amount in amounts.items():
+            total = measured(amount, sensor, role="transverse range")
+            figures.append(figure_of(campaign, test, quantity, total, f"{motion.turns} turns"))
+    return TestResult(
+        test=test,
+        figures=tuple(figures),
+        details={"error_motions": motions},
+        notes=tuple(_axis_notes(motions)),
+    )
+
+
+def _axis_notes(motions: Mapping[str, AxisErrorMotion]) -> Iterator[str]:
+    """Yield remarks on the error motions of an axis of rotation, by direction."""
+    turns = next(iter(motions.values())).turns
+    yield (
+        f"{turns} turns: asynchronous motion is the largest range at any angle, and grows with "
+        "their number; the form of the artefact is in synchronous motion until reversal parts them"
+    )
+    if "axial" in motions or "tilt" in motions:
+        yield (
+            "order 1 of axial motion and tilt is no eccentricity and stays in the synchronous "
+            "part; its range is given apart: off the axis it contains the run-out of the face"
+        )
+    if "rotating" in motions:
+        motion = motions["rotating"]
+        order_2 = 2.0 * abs(np.mean(motion.mean * np.exp(-2j * motion.angle)))
+        yield (
+            f"rotating direction: order 2 has {1e6 * order_2:.3g} um; before it is taken for "
+            "motion, compare the gains of both indicators, as a difference g of them turns the "
+            f"eccentricity of {1e6 * motions['radial'].once_per_turn.value:.4g} um into g/2 of it, "
+            "and a second indicator 90 deg the other way into all of it"
+        )

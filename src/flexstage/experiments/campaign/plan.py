@@ -78,6 +78,11 @@ KINDS: dict[str, KindOfTest] = {
         needed=("along",),
         further_columns=_COMMANDED,
     ),
+    "axis-of-rotation": KindOfTest(
+        what="indicators over turns of an axis: eccentricity and error motions as in ISO 230-7",
+        evaluated_by="motion.evaluate_axis",
+        over=("time", "point"),
+    ),
     "staircase": KindOfTest(
         what="small steps: resolution",
         evaluated_by="positioning.evaluate_staircase",

@@ -7,10 +7,17 @@ import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
+from flexstage.centring.geometry import ARCSEC
 from flexstage.experiments.campaign.loading import column, only, runs_of
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
-from flexstage.measure.motion.approaches import Approaches, Visits, staircase_dwells, visits
+from flexstage.measure.motion.approaches import (
+    Approaches,
+    Visits,
+    staircase_dwells,
+    targets_text,
+    visits,
+)
 from flexstage.measure.motion.positioning import Positioning, positioning
 from flexstage.measure.noise.hold import allan_deviation, hold_noise
 from flexstage.measure.noise.staircase import levels_of_command, staircase
@@ -20,7 +27,8 @@ from flexstage.quantities.sensor import SensorSpecification
 from flexstage.records import Record
 from flexstage.records.sampling import require_uniform
 
-#: Figures in the table of a stage: quantity, field of `Positioning`, description.
+#: Figures in the table of a stage: quantity, field of `Positioning`, description. Those of a rotary
+#: axis are ``rotation_`` and the field.
 _FIGURES: tuple[tuple[str, str, str], ...] = (
     ("positioning_accuracy", "accuracy", "bidirectional accuracy A"),
     ("positioning_repeatability", "repeatability", "bidirectional repeatability R"),
@@ -52,34 +60,56 @@ class _Reached:
 def evaluate_positioning(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
     """Evaluate targets that were approached from both sides, according to ISO 230-2.
 
-    The columns are ``command``, the targets in metres, and ``along``: one row for each approach in
-    the order of time, or dwells of several samples; ``direction`` is the side of each. Or they are
-    ``command``, ``upward`` and ``downward``: one row for each target.
+    The columns are ``command``, the targets in metres or radians, and ``along``: one row for each
+    approach in the order of time, or dwells of several samples; ``direction`` is the side of each.
+    Or they are ``command``, ``upward`` and ``downward``: one row for each target. Targets that are
+    angles are those of a rotary axis.
     """
     record = only(test, records)
     command = column(test, record, "command")
     unit = record.channel(test.columns.command or 0).unit
-    if unit != "m":
+    if unit not in {"m", "rad"}:
         raise RecordError(
-            f"test '{test.name}': targets are positions in m, and the command is in "
-            f"'{unit or 'no unit'}': give command=um, or the column of the target position"
+            f"test '{test.name}': targets are positions in m or angles, and the command is in "
+            f"'{unit or 'no unit'}': name the column of the target, with its unit where the file "
+            f'does not state it, such as command="{test.columns.command} um" or deg'
         )
     table = bool(test.columns.upward or test.columns.downward)
-    reached = _table(test, record, command) if table else _sequence(test, record, command)
-    upward, downward, notes = _same_zero(reached, deviations=test.deviations)
-    figures = positioning(reached.target, upward, downward)
-    sensor = campaign.instrument(test.along)
+    reached = _table(test, record, command) if table else _sequence(test, record, command, unit)
+    upward, downward, notes = _same_zero(reached, unit, deviations=test.deviations)
+    rotary = unit == "rad"
+    figures = positioning(reached.target, upward, downward, unit="rad" if rotary else "m")
+    sensor = campaign.instrument(test.angle or test.along if rotary else test.along)
     if sensor is not None:
         figures = _measured(figures, sensor)
+    amounts = (
+        (f"rotation_{name}" if rotary else quantity, getattr(figures, name), f"{what} of ISO 230-2")
+        for quantity, name, what in _FIGURES
+    )
     return TestResult(
         test=test,
-        figures=tuple(
-            figure_of(campaign, test, quantity, getattr(figures, name), f"{what} of ISO 230-2")
-            for quantity, name, what in _FIGURES
-        ),
+        figures=tuple(figure_of(campaign, test, *amount) for amount in amounts),
         details={"positioning": figures},
-        notes=(*reached.notes, *notes),
+        notes=(*reached.notes, *notes, *_remarks(figures)),
     )
+
+
+def _remarks(figures: Positioning) -> Iterator[str]:
+    """Yield what the test lacks for ISO 230-2, and how a closed circle was taken."""
+    required, enough = figures.targets_required, 5
+    if figures.positions < required or figures.runs < enough:
+        travel = targets_text(np.ptp(figures.target), figures.unit)
+        yield (
+            f"ISO 230-2 asks for {required} targets or more over {travel} and for {enough} runs "
+            f"each way: this test has {figures.positions} and {figures.runs}, and wider intervals"
+        )
+    if figures.closure is not None:
+        yield (
+            f"targets {targets_text(figures.target[[0, -1]], 'rad')} are one position: it counts "
+            "once in the mean reversal, and the closure error of "
+            f"{figures.closure.value / ARCSEC:+.4g} ± {figures.closure.expanded / ARCSEC:.2g} "
+            "arcsec stays in A, E and M"
+        )
 
 
 def _table(test: Test, record: Record, target: Array) -> _Reached:
@@ -95,7 +125,7 @@ def _table(test: Test, record: Record, target: Array) -> _Reached:
     return _Reached(target=target, upward=upward, downward=downward, notes=(note,))
 
 
-def _sequence(test: Test, record: Record, command: Array) -> _Reached:
+def _sequence(test: Test, record: Record, command: Array, unit: str) -> _Reached:
     """Return approaches in the order of time."""
     along = column(test, record, "along")
     side = _sides(test, record)
@@ -110,7 +140,7 @@ def _sequence(test: Test, record: Record, command: Array) -> _Reached:
             approached, along = dwells, dwells.means(along)
     if approached is None:
         cycle = "standard" if test.cycle == "auto" else test.cycle
-        approached = visits(command, cycle=cycle, side=side)
+        approached = visits(command, cycle=cycle, side=side, unit=unit)
     approaches = approached.sort(along)
     source = "the order of the rows" if side is None else f"column '{test.columns.direction}'"
     runs, targets = approaches.upward.shape[1], approaches.targets.size
@@ -119,11 +149,11 @@ def _sequence(test: Test, record: Record, command: Array) -> _Reached:
         target=approached.levels[approaches.targets],
         upward=approaches.upward,
         downward=approaches.downward,
-        notes=(note, *_ignored(approached.levels, approaches, stated=side is not None)),
+        notes=(note, *_ignored(approached.levels, approaches, unit, stated=side is not None)),
     )
 
 
-def _ignored(levels: Array, approaches: Approaches, *, stated: bool) -> Iterator[str]:
+def _ignored(levels: Array, approaches: Approaches, unit: str, *, stated: bool) -> Iterator[str]:
     """Yield notes on ignored targets, and on ignored approaches to the others."""
     alone = np.setdiff1d(np.arange(levels.size), approaches.targets)
     if alone.size:
@@ -133,13 +163,13 @@ def _ignored(levels: Array, approaches: Approaches, *, stated: bool) -> Iterator
         )  # fmt: skip
         yield (
             f"positions that were approached from one side only{rarely} are ignored: "
-            f"{_listed(levels[alone])}{remedy}"
+            f"{_listed(levels[alone], unit)}{remedy}"
         )
     counts, runs = approaches.counts[:, approaches.targets], approaches.upward.shape[1]
     if counts.max() > runs:
         side, i = np.unravel_index(int(counts.argmin()), counts.shape)
         yield (
-            f"target {_listed(levels[approaches.targets[i : i + 1]])} was reached from "
+            f"target {_listed(levels[approaches.targets[i : i + 1]], unit)} was reached from "
             f"{('below', 'above')[side]} {runs} times, and others up to {counts.max()} times: "
             f"approaches beyond the first {runs} are ignored"
         )
@@ -158,9 +188,9 @@ def _sorted(test: Test, rows: Visits) -> bool:
     return True
 
 
-def _listed(positions: Array) -> str:
-    listed = ", ".join(f"{1e6 * p:.9g}" for p in positions[:6])
-    return f"{listed} um" + (f" and {positions.size - 6} more" if positions.size > 6 else "")
+def _listed(positions: Array, unit: str) -> str:
+    listed = targets_text(positions[:6], unit)
+    return listed + (f" and {positions.size - 6} more" if positions.size > 6 else "")
 
 
 def _sides(test: Test, record: Record) -> Array | None:
@@ -195,7 +225,9 @@ def _side(text: str) -> float:
         return 0.0
 
 
-def _same_zero(reached: _Reached, *, deviations: bool) -> tuple[Array, Array, tuple[str, ...]]:
+def _same_zero(
+    reached: _Reached, unit: str, *, deviations: bool
+) -> tuple[Array, Array, tuple[str, ...]]:
     """Return the positions with the zero of the targets."""
     # a mean deviation of more than this many ranges of the deviations is a different zero
     other_zero = 10.0
@@ -203,11 +235,18 @@ def _same_zero(reached: _Reached, *, deviations: bool) -> tuple[Array, Array, tu
     if deviations:
         return reached.upward + at, reached.downward + at, ()
     deviation = np.concatenate((reached.upward - at, reached.downward - at), axis=1)
+    if unit == "rad":
+        # a reading that begins again after a turn
+        deviation -= 2.0 * np.pi * np.rint((deviation - deviation[0, 0]) / (2.0 * np.pi))
+        runs = reached.upward.shape[1]
+        up, down = at + deviation[:, :runs], at + deviation[:, runs:]
+        reached = replace(reached, upward=up, downward=down)
     zero = float(deviation[np.argmin(reached.target)].mean())
     if not abs(zero) > other_zero * float(np.ptp(deviation)):
         return reached.upward, reached.downward, ()
+    difference = f"{np.degrees(zero):+.6g} deg" if unit == "rad" else f"{1e6 * zero:+.6g} um"
     note = (
-        f"the zero of the reading differs by {1e6 * zero:+.6g} um: deviations are relative to "
+        f"the zero of the reading differs by {difference}: deviations are relative to "
         "their mean at the first target"
     )
     return reached.upward - zero, reached.downward - zero, (note,)
@@ -219,8 +258,9 @@ def _measured(figures: Positioning, sensor: SensorSpecification) -> Positioning:
     A figure of deviations along the travel has the error of the length over the full travel: a
     relative error c of the gain tilts the line of deviations by c, however small they are.
     """
-    travel = Estimate(value=float(np.ptp(figures.target)), unit="m")
-    over_travel = measured(travel, sensor, role="length").components
+    travel = Estimate(value=float(np.ptp(figures.target)), unit=figures.unit)
+    role = "length" if figures.unit == "m" else "angle"
+    over_travel = measured(travel, sensor, role=role).components
     totals = {}
     for field in fields(figures):
         estimate = getattr(figures, field.name)

@@ -64,6 +64,16 @@ class Columns(Roles):
     """Column of the number of the corner, from 0 and anticlockwise."""
     spheres: tuple[str, ...] = ()
     """Names of the spheres, whose columns are called NAME.X, NAME.Y and NAME.Z."""
+    angle: str | None = None
+    """Column of the angle of an axis of rotation, wrapped or not."""
+    radial: str | None = None
+    """Column of an indicator that stands still, towards the axis."""
+    radial_90: str | None = None
+    """Column of a second one, 90 deg further as the angle grows, for the direction that turns."""
+    axial: str | None = None
+    """Column of an indicator along the axis."""
+    tilt: str | None = None
+    """Column of the tilt of the axis, in one plane."""
     direction: str | None = None
     """Column of the direction of approach: up or down, 1 or -1, or an arrow."""
     upward: tuple[str, ...] = ()
@@ -170,15 +180,17 @@ class CharacteriseRequest(TestOptions):
 
     axis: Annotated[str, Written("NAME")] = "x"
     test: Annotated[str, Written("KIND")] = "motion"
-    """Kind of test: motion, spheres, positioning, staircase, hold, response, ring-down or
-    workspace.
+    """Kind of test: motion, spheres, positioning, axis-of-rotation, staircase, hold, response,
+    ring-down or workspace.
     """
     column: Annotated[tuple[str, ...], Written("ROLE=COLUMN")] = ()
     """Column of a role, by number or name, such as along=2; with a unit if the file has none,
     "along=2 um"; several separated by commas, output=3,4. Roles:
     command, along, across, vertical, roll, pitch and yaw of motions; input and output of responses;
     corner, x and y of a workspace; spheres, by their names; direction of an approach, or upward and
-    downward for a table with one row for each target.
+    downward for a table with one row for each target; angle, radial, radial_90, axial and tilt of
+    an axis of rotation. In the direction that turns, of radial and radial_90, distrust order 2, not
+    order 1: there unequal gains turn eccentricity into an error.
     """
     sensor: SensorUncertainty = SensorUncertainty()
     """Standard uncertainties of the sensors, such as "calibration=0.05 %,alignment=1 mrad"."""

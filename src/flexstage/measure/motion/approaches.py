@@ -1,6 +1,7 @@
 """Approaches to targets, of rows of a table or rests of a staircase: to which, from which side."""
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -77,7 +78,7 @@ class Visits:
 
 
 def visits(
-    position: ArrayLike, *, cycle: str = "standard", side: ArrayLike | None = None
+    position: ArrayLike, *, cycle: str = "standard", side: ArrayLike | None = None, unit: str = "m"
 ) -> Visits:
     """Find from which side targets were reached, of which a table has a row for each approach.
 
@@ -87,6 +88,7 @@ def visits(
     table with such repetitions belongs to the series that it begins; without them it is a start,
     reached from an unknown side. `cycle` is one of `CYCLES`. With `side`, positive where a row was
     reached from below and negative from above, neither the form nor the order of the rows matters.
+    The unit of positions, m or rad, is that of messages.
 
     Validity
     --------
@@ -109,9 +111,9 @@ def visits(
     if side is not None:
         direction = np.sign(np.asarray(side, dtype=np.float64)).astype(np.intp)
     elif cycle == "step":
-        direction = _steps(levels, target)
+        direction = _steps(levels, target, unit)
     elif cycle == "standard":
-        direction = _series(levels, target)
+        direction = _series(levels, target, unit)
     else:
         raise RecordError(f"the cycle must be standard or step, got '{cycle}'")
     return Visits(target=target, direction=direction, levels=levels)
@@ -130,7 +132,7 @@ def group_levels(values: Array, tolerance: float) -> tuple[Array, Integers]:
     return levels, number
 
 
-def _series(levels: Array, target: Integers) -> Integers:
+def _series(levels: Array, target: Integers, unit: str) -> Integers:
     """Directions of series up and down."""
     step = np.sign(np.diff(target)).astype(np.intp)
     direction = np.concatenate(([0], step))
@@ -141,43 +143,45 @@ def _series(levels: Array, target: Integers) -> Integers:
         # between two moves one way the stage has not turned round, nor in a third row
         if (i and step[i - 1] == 0) or after in (0, before):
             raise RecordError(
-                f"target {_micrometres(levels, target[i])} stands in rows {i + 1} and {i + 2}, "
-                f"where no series of a standard cycle turns round: {_COLUMN}, or use cycle=step "
-                "where each target was reached from both sides in turn"
+                f"target {targets_text(levels[target[i]], unit)} stands in rows {i + 1} and "
+                f"{i + 2}, where no series of a standard cycle turns round: {_COLUMN}, or use "
+                "cycle=step where each target was reached from both sides in turn"
             )
         direction[i], direction[i + 1] = -after, after
     if again.size and direction[0] == 0:
         direction[0] = step[0]
-    _require_no_restart(levels, target)
+    _require_no_restart(levels, target, unit)
     return direction
 
 
-def _steps(levels: Array, target: Integers) -> Integers:
+def _steps(levels: Array, target: Integers, unit: str) -> Integers:
     """Directions of approaches to each target in turn."""
     step = np.sign(np.diff(target)).astype(np.intp)
     direction = np.zeros(target.size, dtype=np.intp)
     direction[0] = step[np.flatnonzero(step)[0]]
     for i, way in enumerate(step, start=1):
         direction[i] = way or -direction[i - 1]
-    _require_no_restart(levels, target)
+    _require_no_restart(levels, target, unit)
     return direction
 
 
-def _require_no_restart(levels: Array, target: Integers) -> None:
+def _require_no_restart(levels: Array, target: Integers, unit: str) -> None:
     """Refuse series that begin again at the other end: from which side, no row says."""
     way = np.abs(np.diff(target))
     at_end = way == levels.size - 1
     if levels.size > 2 and at_end.any() and way[~at_end].max(initial=0) <= 1:
         i = int(np.flatnonzero(at_end)[0])
-        first, last = (_micrometres(levels, target[k]) for k in (i + 1, i))
+        first, last = (targets_text(levels[target[k]], unit) for k in (i + 1, i))
         raise RecordError(
             f"row {i + 2} begins again at target {first} after {last}, and does not say from which "
             f"side it was reached: {_COLUMN}"
         )
 
 
-def _micrometres(levels: Array, number: int) -> str:
-    return f"{1e6 * levels[number]:.9g} um"
+def targets_text(targets: ArrayLike, unit: str) -> str:
+    """Write targets in um, or those of a rotary axis in deg."""
+    factor, name = (1e6, "um") if unit == "m" else (180.0 / math.pi, "deg")
+    return f"{', '.join(f'{factor * t:.9g}' for t in np.atleast_1d(targets))} {name}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,8 +1,8 @@
-"""Accuracy and repeatability of positioning at targets, in the manner of ISO 230-2."""
+"""Accuracy and repeatability of linear and rotary axes at targets, as in ISO 230-2."""
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
 from flexstage.files.plain import picked, plain
 from flexstage.quantities.estimate import Estimate
+from flexstage.quantities.quantity import prefixed
 
 #: Figures that are spreads: their errors are in proportion to them.
 _SPREADS = ("repeatability_upward", "repeatability_downward")
@@ -18,6 +19,11 @@ _SPREADS = ("repeatability_upward", "repeatability_downward")
 _NEAR = 2.0
 #: Figures that may have either sign.
 _SIGNED = ("mean_reversal",)
+#: Figures of simulated measurements, and those behind them.
+_Pair = tuple[Array, Array]
+_TURN = 2.0 * math.pi
+#: Rounding of a target, relative to the travel.
+_SAME = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,7 +32,7 @@ class Positioning:
 
     With the positional deviations :math:`x_{ij}` of target i in run j, approached upward or
     downward, their mean :math:`\bar x_i` over the n runs and their standard deviation
-    :math:`s_i` with n - 1.
+    :math:`s_i` with n - 1. Of a rotary axis, all lengths [m] are angles [rad].
     """
 
     target: Array
@@ -75,6 +81,12 @@ class Positioning:
     """
     accuracy: Estimate
     """Bidirectional accuracy A: the same over both directions [m]."""
+    unit: Literal["m", "rad"] = "m"
+    """Unit of targets and figures: rad of a rotary axis."""
+    closure: Estimate | None = None
+    """Of a rotary axis with targets over whole turns: mean deviation at the last target less that
+    at the first [rad].
+    """
 
     def data(self) -> dict[str, Any]:
         """Return all of it as plain data, in SI units."""
@@ -99,6 +111,33 @@ class Positioning:
         }
 
     @property
+    def shown_units(self) -> tuple[tuple[float, str], tuple[float, str]]:
+        """Factor and name of the printed units of targets, and of figures."""
+        if self.unit == "rad":
+            return (180.0 / math.pi, "deg"), (180.0 * 3600.0 / math.pi, "arcsec")
+        largest = float(np.abs(self.target).max()), abs(self.accuracy.value)
+        (across, first), (factor, second) = (prefixed(size) for size in largest)
+        return (across, f"{first}m"), (factor, f"{second}m")
+
+    @property
+    def positions(self) -> int:
+        """Number of targets; the first and the last over whole turns are one position."""
+        return self.target.size - (self.closure is not None)
+
+    @property
+    def targets_required(self) -> int:
+        """Least number of targets that ISO 230-2 asks for over this travel.
+
+        Five in a metre, and five at least; of a rotary axis three up to 90 deg, five up to 180 deg,
+        eight up to a turn, and eight in each turn of more.
+        """
+        travel = (1.0 - _SAME) * float(np.ptp(self.target))
+        if self.unit == "m":
+            return max(5, math.ceil(5.0 * travel))
+        turns = travel / _TURN
+        return 3 if turns <= 0.25 else 5 if turns <= 0.5 else max(8, math.ceil(8.0 * turns))
+
+    @property
     def reversal_at_targets(self) -> Array:
         """Reversal values B_i: mean upward less mean downward deviation [m], shape (m,)."""
         return self.mean_upward - self.mean_downward
@@ -117,7 +156,12 @@ class Positioning:
 
 
 def positioning(
-    target: ArrayLike, upward: ArrayLike, downward: ArrayLike, *, trials: int = 2000
+    target: ArrayLike,
+    upward: ArrayLike,
+    downward: ArrayLike,
+    *,
+    unit: Literal["m", "rad"] = "m",
+    trials: int = 2000,
 ) -> Positioning:
     """Evaluate repeated approaches to targets from both sides, in the manner of ISO 230-2:2014.
 
@@ -126,12 +170,18 @@ def positioning(
     from the values less the share of noise in them: a largest value of noisy means lies too far
     out, and the interval about it is not symmetric.
 
+    Where the targets of a rotary axis go over whole turns, the first and the last are one position
+    that was measured twice. It counts once in the mean reversal; its closure error is an error of
+    the axis or of the instrument, stays in all figures, and is given apart.
+
     Parameters
     ----------
     target : array_like
-        Target positions [m], shape (m,).
+        Target positions [`unit`], shape (m,).
     upward, downward : array_like
-        Positions reached from below and from above [m], shape (m, n): one column for each run.
+        Positions reached from below and from above [`unit`], shape (m, n): one column for each run.
+    unit : str
+        m of a linear axis, rad of a rotary one; angles are unwrapped.
     trials : int
         How many measurements are simulated.
 
@@ -144,7 +194,8 @@ def positioning(
     --------
     Runs that differ by chance only: a drift from run to run counts as lack of repeatability, as the
     standard has it. The standard asks for n = 5 runs and, of axes up to 2 m, at least five targets
-    in a metre; two of each are enough here, with an uncertainty that says so. The measurement
+    in a metre, of rotary axes `Positioning.targets_required`; two of each are enough here, with an
+    uncertainty that says so. The measurement
     uncertainty of the instrument is not in it.
 
     Raises
@@ -164,11 +215,26 @@ def positioning(
     """
     x, deviation = _deviations(target, upward, downward)
     mean, spread = deviation.mean(axis=-1), deviation.std(axis=-1, ddof=1)
+    turns = float(np.ptp(x)) / _TURN
+    closed = unit == "rad" and turns > 0.5 and abs(turns - round(turns)) < _SAME * turns
     return Positioning(
         target=x, mean_upward=mean[0], mean_downward=mean[1], spread_upward=spread[0],
-        spread_downward=spread[1], runs=deviation.shape[-1],
-        **estimates(deviation, trials),
+        spread_downward=spread[1], runs=deviation.shape[-1], unit=unit,
+        closure=_closure(deviation) if closed else None,
+        **estimates(deviation, trials, unit, closed=closed),
     )  # fmt: skip
+
+
+def _closure(deviation: Array) -> Estimate:
+    """Return the mean deviation at the last target less that at the first [rad]."""
+    of_runs = (deviation[:, -1] - deviation[:, 0]).mean(axis=0)
+    return Estimate.of(
+        float(of_runs.mean()),
+        float(of_runs.std(ddof=1)) / math.sqrt(of_runs.size),
+        "rad",
+        source="repeatability",
+        degrees_of_freedom=of_runs.size - 1,
+    )
 
 
 def _deviations(target: ArrayLike, upward: ArrayLike, downward: ArrayLike) -> tuple[Array, Array]:
@@ -199,13 +265,17 @@ def _deviations(target: ArrayLike, upward: ArrayLike, downward: ArrayLike) -> tu
     return x[order], np.array([v[order] - x[order, None] for v in both])
 
 
-def figures(mean: Array, spread: Array) -> dict[str, Array]:
+def figures(mean: Array, spread: Array, *, closed: bool = False) -> dict[str, Array]:
     """Return the figures of ISO 230-2:2014 from means and spreads at targets.
 
-    Both have shape (..., 2, m), upward and downward [m]; the figures have the names of
-    `Positioning`.
+    Both have shape (..., 2, m), upward and downward [m or rad]; the figures have the names of
+    `Positioning`. Of a closed circle the first and the last target are one position.
     """
     reversal = mean[..., 0, :] - mean[..., 1, :]
+    once = reversal
+    if closed:
+        ends = reversal[..., [0, -1]].mean(axis=-1, keepdims=True)
+        once = np.concatenate((ends, reversal[..., 1:-1]), axis=-1)
     sides = 4.0 * spread
     both = 2.0 * (spread[..., 0, :] + spread[..., 1, :]) + np.abs(reversal)
     outer, inner = mean + 2.0 * spread, mean - 2.0 * spread
@@ -221,7 +291,7 @@ def figures(mean: Array, spread: Array) -> dict[str, Array]:
     }
     return results | {
         "reversal": np.abs(reversal).max(axis=-1),
-        "mean_reversal": reversal.mean(axis=-1),
+        "mean_reversal": once.mean(axis=-1),
         "repeatability": np.maximum(both, sides.max(axis=-2)).max(axis=-1),
         "systematic": np.ptp(mean, axis=(-2, -1)),
         "mean_deviation": np.ptp(mean.mean(axis=-2), axis=-1),
@@ -229,22 +299,25 @@ def figures(mean: Array, spread: Array) -> dict[str, Array]:
     }
 
 
-def estimates(deviation: Array, trials: int) -> dict[str, Estimate]:
+def estimates(
+    deviation: Array, trials: int, unit: str = "m", *, closed: bool = False
+) -> dict[str, Estimate]:
     """Return the figures with intervals.
 
-    The deviations are those upward and downward [m], shape (2, m, n).
+    The deviations are those upward and downward [`unit`], shape (2, m, n).
     """
     runs = deviation.shape[-1]
     mean, spread = deviation.mean(axis=-1), deviation.std(axis=-1, ddof=1)
-    observed = figures(mean, spread)
+    observed = figures(mean, spread, closed=closed)
     # with less scatter behind the data noise adds more to an extreme: that gives the lower end, and
     # the data as they are the upper one
     share = _run_share(deviation)
     means, pooled = _without_noise(deviation)
-    low = _simulated(means, pooled, share, runs, trials)
-    of_means = _simulated(mean, pooled, share, runs, trials)
+    size = runs, trials
+    low = _simulated(means, pooled, share, *size, closed=closed)
+    of_means = _simulated(mean, pooled, share, *size, closed=closed)
     # what all targets of a run have in common is in spreads, and known from few runs only
-    of_spreads = _simulated(mean, spread, _run_share(deviation, 0.1), runs, trials)
+    of_spreads = _simulated(mean, spread, _run_share(deviation, 0.1), *size, closed=closed)
     return {
         name: _estimate(
             name,
@@ -252,14 +325,15 @@ def estimates(deviation: Array, trials: int) -> dict[str, Estimate]:
             low[name],
             (of_spreads if name.startswith(("repeat", "accuracy")) else of_means)[name],
             runs,
+            unit,
         )
         for name in observed
     }
 
 
 def _simulated(
-    mean: Array, spread: Array, share: float, runs: int, trials: int
-) -> dict[str, tuple[Array, Array]]:
+    mean: Array, spread: Array, share: float, runs: int, trials: int, *, closed: bool
+) -> dict[str, _Pair]:
     """Return the figures that simulated measurements show, and those behind them."""
     rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(0,)))
     # how large the noise is, is itself known from few runs only
@@ -269,14 +343,12 @@ def _simulated(
     noise = math.sqrt(1.0 - share) * rng.standard_normal((trials, *spread.shape, runs))
     noise += math.sqrt(share) * rng.standard_normal((trials, 1, 1, runs))
     noise *= (sizes * spread)[..., None]
-    observed = figures(mean + noise.mean(axis=-1), noise.std(axis=-1, ddof=1))
-    behind = figures(np.broadcast_to(mean, (trials, *mean.shape)), sizes * spread)
+    observed = figures(mean + noise.mean(axis=-1), noise.std(axis=-1, ddof=1), closed=closed)
+    behind = figures(np.broadcast_to(mean, (trials, *mean.shape)), sizes * spread, closed=closed)
     return {name: (observed[name], behind[name]) for name in observed}
 
 
-def _estimate(
-    name: str, value: float, low: tuple[Array, Array], high: tuple[Array, Array], runs: int
-) -> Estimate:
+def _estimate(name: str, value: float, low: _Pair, high: _Pair, runs: int, unit: str) -> Estimate:
     """Return an interval from the results and the true values of simulated measurements."""
     ends = []
     for (quantile, behind), p in ((low, 0.975), (high, 0.025)):
@@ -292,7 +364,7 @@ def _estimate(
     return Estimate.of(
         value,
         float(np.std(high[0] - high[1])),
-        "m",
+        unit,
         source="repeatability",
         degrees_of_freedom=runs - 1,
         bounds=(min(*ends, value), max(*ends, value)),

@@ -170,8 +170,7 @@ def draw_positioning(positioning: Positioning, *, title: str = "") -> "Figure":
     former; A, E and M at the side, R and B at their targets. The default title is the accuracy.
     """
     figure, axes = one_panel(7.2, 4.0)
-    across, of_target = prefixed(float(np.abs(positioning.target).max()))
-    factor, prefix = prefixed(abs(positioning.accuracy.value))
+    (across, of_target), (factor, unit) = positioning.shown_units
     x = across * positioning.target
     up, down, mean = (
         factor * v
@@ -198,7 +197,6 @@ def draw_positioning(positioning: Positioning, *, title: str = "") -> "Figure":
     tops, feet = (np.stack((up + wide_up, down + wide_down)),
                   np.stack((up - wide_up, down - wide_down)))  # fmt: skip
     span = float(np.ptp(x))
-    unit = f"{prefix}m"
     for k, (symbol, estimate, ends) in enumerate(
         (
             ("A", positioning.accuracy.value, (feet, tops)),
@@ -211,7 +209,7 @@ def draw_positioning(positioning: Positioning, *, title: str = "") -> "Figure":
     _at_targets(axes, positioning, x, factor, unit, (tops, feet), (up, down))
     axes.margins(y=0.13)
     axes.set_xlim(x[0] - 0.09 * span, x[-1] + span * (_GAP + 2.6 * _PITCH))
-    label_axes(axes, f"target [{of_target}m]", f"deviation [{unit}]")
+    label_axes(axes, f"target [{of_target}]", f"deviation [{unit}]")
     add_legend(
         axes,
         loc="upper center",
