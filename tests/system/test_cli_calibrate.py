@@ -1,5 +1,6 @@
 """`flexstage calibrate`: records of heads and of a polygon, files, choice of method, bad input."""
 
+import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -275,3 +276,33 @@ def test_a_span_of_several_faces_and_the_angle_to_the_next(run: Run) -> None:
     assert np.allclose(error, FACES, atol=1e-9)
     step = of(found["points"], "faces", "step_error") / ARCSEC
     assert np.allclose(step, np.roll(FACES, -1) - FACES, atol=1e-9)
+
+
+def test_a_certificate_states_object_records_and_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = np.column_stack([np.arange(12), 3.0 * np.sin(np.arange(12.0))])
+    np.savetxt("faces.csv", rows, delimiter=",", comments="", header="face,reading")
+    stated = ["--certificate", "c.html", "--traceability", "closed circle <360>"]
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "faces.csv", "--noise", "0.1", *stated])
+    assert ended.value.code == 2
+    assert "give --item" in capsys.readouterr().err
+    assert not Path("c.html").exists()
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "faces.csv", "--noise", "0.1", *stated, "--item", "prism no. 12"])
+    assert not ended.value.code
+    page = Path("c.html").read_text("utf-8")
+    assert "prism no. 12" in page
+    assert "closed circle &lt;360&gt;" in page
+    assert hashlib.sha256(Path("faces.csv").read_bytes()).hexdigest() in page
+    # from face to face by the readings less their mean, which closes the circle
+    error = np.cumsum(np.roll(rows[:, 1] - rows[:, 1].mean(), 1))
+    error -= error.mean()
+    for value in (error[1], error[7]):
+        assert f"{value:.4f}".replace("-", "−") in page
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "faces.csv", "--item", "prism"])
+    assert ended.value.code == 2
+    assert "for --certificate FILE" in capsys.readouterr().err

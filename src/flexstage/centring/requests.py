@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from flexstage.base.errors import ModelError, RecordError
 from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Range, Share, Size, Written
@@ -203,3 +203,37 @@ class CalibrateRequest(TurnRequest):
     """
     step: Annotated[Angle, POSITIVE, Written(bare="deg")] | None = None
     """Step of these angles, a whole part of a turn; a bare number is in degrees (default: 10)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CertificateRequest(Request):
+    """Certificate of a calibration, if an object is named."""
+
+    heading: ClassVar[str] = "Certificate"
+
+    certificate: Annotated[str, Written("FILE")] | None = None
+    """Write a certificate as one page (.html): object, standards, result, uncertainty, records."""
+    item: str = ""
+    """Object of the certificate: kind, maker and serial number."""
+    standard: str = ""
+    """Standards that were used, with their certificates."""
+    traceability: str = ""
+    """Traceability, as the laboratory states it."""
+    conditions: str = ""
+    """Conditions, such as "20.0 degC, humidity 45 %"."""
+    laboratory: str = ""
+    """Laboratory and person."""
+
+    def __post_init__(self) -> None:
+        super(CertificateRequest, self).__post_init__()
+        if self.certificate is not None and not self.item:
+            raise ModelError(
+                'a certificate names its object: give --item, such as --item "scale, no. 123"'
+            )
+        stated = self.item, self.standard, self.traceability, self.conditions, self.laboratory
+        if self.certificate is None and any(stated):
+            raise ModelError("--item, --standard and others are for --certificate FILE: give it")
+
+
+#: Without a certificate.
+NO_CERTIFICATE = CertificateRequest()

@@ -310,9 +310,9 @@ def code_faults(angle: ArrayLike, codes: ArrayLike, number: int) -> list[str]:
     if read.size < least_samples * number * turns:
         return []
     # mean direction of the samples of each code, and their largest distance from it
-    waves = np.exp(1j * theta)
-    sums = np.bincount(read, waves.real, number) + 1j * np.bincount(read, waves.imag, number)
-    off = np.abs(np.angle(waves * np.conj(sums[read])))
+    x, y = np.cos(theta), np.sin(theta)
+    middle = np.arctan2(np.bincount(read, y, number), np.bincount(read, x, number))[read]
+    off = np.abs(np.arctan2(np.sin(theta - middle), np.cos(theta - middle)))
     far = np.zeros(number)
     np.maximum.at(far, read, off)
     doubled = np.flatnonzero(far > 0.5 * widest * _TURN / number)

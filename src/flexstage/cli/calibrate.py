@@ -4,11 +4,11 @@ import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.centring.requests import CalibrateRequest
+from flexstage.centring.requests import NO_CERTIFICATE, CalibrateRequest, CertificateRequest
 from flexstage.cli.options import JsonOption, from_docstring, refuse
 from flexstage.cli.output import (
     FigureFile,
@@ -23,6 +23,9 @@ from flexstage.cli.output import (
 )
 from flexstage.records.read_options import ReadOptions
 
+if TYPE_CHECKING:
+    from flexstage.centring.calibrate import Calibration
+
 #: Most points of a circle that are printed.
 _MOST_POINTS = 24
 
@@ -35,6 +38,7 @@ def calibrate(
     read_options: ReadOptions,
     folder: OutputFolder = None,
     figure: FigureFile = None,
+    certificate: CertificateRequest = NO_CERTIFICATE,
     json: JsonOption = False,
 ) -> None:
     """Calibrate a scale, or a polygon and its table.
@@ -58,6 +62,7 @@ def calibrate(
 
     if request.best_heads is not None and not records:
         refuse(folder, "--best-heads has no tables to write: omit --folder")
+        refuse(certificate.certificate, "--best-heads calibrates nothing: omit --certificate")
         result = best_heads(
             request.best_heads,
             request.orders or range(1, 13),
@@ -69,6 +74,7 @@ def calibrate(
     else:
         result = calibrate_files(records or [], request, read_options)
         files = write_folder(folder, partial(calibration_files, result))
+        files += _write_certificate(result, certificate, records or [])
     files += write_picture(figure, result.plot)
     data = result.to_dict()
     if json:
@@ -76,6 +82,20 @@ def calibrate(
         return
     print_calibration(data) if "points" in data else print_arrangement(data)
     print_notes(console(), data.get("notes", ()), files)
+
+
+def _write_certificate(
+    result: "Calibration", request: CertificateRequest, records: list[Path]
+) -> list[Path]:
+    """Write the certificate, if one is requested."""
+    if request.certificate is None:
+        return []
+    from flexstage.files.write import write_whole
+    from flexstage.report.certificate import certificate_page
+
+    path = Path(request.certificate)
+    write_whole(path, certificate_page(result, request, records))
+    return [path]
 
 
 def print_calibration(result: dict[str, Any]) -> None:
