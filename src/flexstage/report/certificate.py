@@ -98,8 +98,8 @@ def _result(calibration: Calibration) -> Iterator[Content]:
 def _errors(division: Division) -> Table:
     size = division.error.size
     every = -(-size // _ROWS)
-    shown = range(0, size, every)
-    estimates = [(division.angle[i], division.estimate(i)) for i in shown]
+    numbers = range(0, size, every)
+    estimates = [(division.angle[i], division.estimate(i)) for i in numbers]
     note = f"one in {every} of the {size} points" if every > 1 else ""
     return table(
         f"{division.name.capitalize()}: errors",

@@ -32,6 +32,6 @@ EDITS: Edits = {
     "an unknown reading": ("reading: each", "reading: both"),
     "half an order": ("order: 3", "order: 2.5"),
     "a speed in hertz": ("10 rpm", "10 Hz"),
-    "a misspelt key": ("eccentricity: 0.3 um", "excentricity: 0.3 um"),
+    "a key near a known one": ("reading: each", "readings: each"),
     "no tolerance": ("tolerance: {error: 2 arcsec, reading: each, eccentricity: 0.3 um}\n", ""),
 }
