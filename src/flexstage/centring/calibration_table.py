@@ -14,7 +14,7 @@ from flexstage.records import Channel, Record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class UncertaintySource:
+class ErrorSource:
     """Covariance of the errors of a division from one source, independent of the others."""
 
     source: str
@@ -36,7 +36,7 @@ class Division:
 
     Examples
     --------
-    >>> noise = UncertaintySource(source="noise", covariance=1e-14 * (np.eye(4) - 0.25))
+    >>> noise = ErrorSource(source="noise", covariance=1e-14 * (np.eye(4) - 0.25))
     >>> quarters = Division(
     ...     name="faces", error=np.array([3e-7, -1e-7, 0.0, -2e-7]), contributions=(noise,)
     ... )
@@ -50,7 +50,7 @@ class Division:
     """Angle minus nominal angle of a face or a table, reading minus angle of a scale [rad], shape
     (n,).
     """
-    contributions: tuple[UncertaintySource, ...]
+    contributions: tuple[ErrorSource, ...]
     """Contributions to the covariance of `error`."""
     orders: tuple[int, ...] = ()
     """Orders of `error`."""
@@ -311,7 +311,7 @@ class CalibrationTable:
         )
         stated = math.isinf(self.degrees_of_freedom)
         contributions = [
-            UncertaintySource(
+            ErrorSource(
                 source="noise of the readings",
                 covariance=noise,
                 degrees_of_freedom=self.degrees_of_freedom,
@@ -321,15 +321,13 @@ class CalibrationTable:
         if self.head_shifts is not None and self.head_shifts.size:
             moved = waves @ self.head_shifts.T
             contributions.append(
-                UncertaintySource(source="angles of the heads", covariance=moved @ moved.T)
+                ErrorSource(source="angles of the heads", covariance=moved @ moved.T)
             )
         if self.blind_allowance and self.blind:
             apart = np.subtract.outer(s, s)
             together = np.mean([np.cos(k * apart) for k in self.blind], axis=0)
             contributions.append(
-                UncertaintySource(
-                    source="blind orders", covariance=self.blind_allowance**2 * together
-                )
+                ErrorSource(source="blind orders", covariance=self.blind_allowance**2 * together)
             )
         return Division(
             name=name,

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError, RecordError
-from flexstage.centring.calibration_table import Division, UncertaintySource
+from flexstage.centring.calibration_table import Division, ErrorSource
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -227,7 +227,7 @@ def _closed(
         circle = slice(first, first + n)
         error = visible @ x[circle]
         contributions = [
-            UncertaintySource(
+            ErrorSource(
                 source="noise of the readings",
                 covariance=noise**2 * (visible @ inverse[circle, circle] @ visible),
                 degrees_of_freedom=freedom,
@@ -237,9 +237,7 @@ def _closed(
         if gain_uncertainty:
             moved = gain_uncertainty * error
             contributions.append(
-                UncertaintySource(
-                    source="gain of the autocollimator", covariance=np.outer(moved, moved)
-                )
+                ErrorSource(source="gain of the autocollimator", covariance=np.outer(moved, moved))
             )
         divisions.append(
             Division(
