@@ -306,10 +306,7 @@ def judge(table: RotaryTable, allowed: float, analysis: Analysis) -> JudgedStage
             needs.append(_with(need, "", of_stage[need.what]))
             continue
         for axis in axes:
-            stroke = figures.get(("working_displacement", axis)) or figures.get(
-                ("output_displacement", axis)
-            )
-            value = None if stroke is None else abs(stroke)
+            value = _stroke(analysis.stage, figures, axis)
             if need.what == "step" and value is not None:
                 value = figures.get(("resolution", axis), value / 2**CONVERTER_BITS)
             needs.append(_with(need, axis, value))
@@ -320,6 +317,19 @@ def judge(table: RotaryTable, allowed: float, analysis: Analysis) -> JudgedStage
         if ("parasitic_rotation", a) in figures
     ]
     return JudgedStage(name=name, needs=tuple(needs), turned_zero=max(turned, default=None))
+
+
+def _stroke(stage: Stage, figures: dict[tuple[str, str], float], axis: str) -> float | None:
+    """Return the stroke of an axis [m], less what an elastic drive gives way to the stage."""
+    working = figures.get(("working_displacement", axis))
+    if working is not None:
+        return abs(working)
+    stroke = figures.get(("output_displacement", axis))
+    if stroke is None or stage.axis(axis).drive is None:
+        return None if stroke is None else abs(stroke)
+    spring = stage.drive_of(axis).mounted.stiffness
+    share = spring / (spring + figures["input_stiffness", axis]) if spring else 1.0
+    return share * abs(stroke)
 
 
 def _with(need: Need, axis: str, value: float | None) -> Need:

@@ -88,7 +88,8 @@ def move_settings(
 ) -> MoveSettings:
     r"""Return the settings of the drives of a stage for a move along its axes x and y.
 
-    The elongations are :math:`w = J^+ \Delta`, with the Jacobian J of the model. Each move is
+    The elongations are :math:`w = J^+ \Delta`, with the Jacobian J of the model; an elastic drive
+    of stiffness k under the force F needs F / k besides. Each move is
     measured before it is made; the probability that its target is reached comes from drawn moves:
     each leaves, by axis, a share of the eccentricity before it by the error of the ratio, the
     uncertainty of the measured eccentricity, and up to half a step.
@@ -131,12 +132,15 @@ def move_settings(
     J = coupling.jacobian[rows]
     elongations = np.linalg.pinv(J) @ move
     settings, at = [], -np.asarray(move, dtype=np.float64)
-    for name, column, elongation in zip(coupling.drives, J.T, elongations, strict=True):
+    forces = coupling.forces @ elongations
+    for name, column, elongation, force in zip(
+        coupling.drives, J.T, elongations, forces, strict=True
+    ):
         if abs(elongation) <= 1e-9 * float(np.abs(elongations).max(initial=0.0)):
             continue
         drive = stage.drive(name)
         at = at + column * elongation
-        turns, voltage = _amount(drive, float(elongation))
+        turns, voltage = _amount(drive, float(elongation), float(force))
         settings.append(
             DriveSetting(
                 drive=name,
@@ -179,23 +183,24 @@ def settings_of(centred: CentredRecords, source: str) -> MoveSettings:
     )
 
 
-def _amount(drive: Drive, elongation: float) -> tuple[float | None, float | None]:
-    """Return turns of a screw, or volts of a stack."""
-    stroke = drive.mounted.stroke
+def _amount(drive: Drive, elongation: float, force: float) -> tuple[float | None, float | None]:
+    """Return turns of a screw, or volts of a stack, that also make up for its own compression."""
+    stiffness, stroke = drive.mounted.stiffness, drive.mounted.stroke
     if stroke is None or not isinstance(drive, Screw | PiezoStack):
         raise ModelError(
             f"drive '{drive.name}' has neither turns nor volts: give a screw or a piezo stack"
         )
-    if abs(elongation) > stroke:
+    free = elongation + (force / stiffness if stiffness else 0.0)
+    if abs(free) > stroke:
         raise ModelError(
-            f"the move needs {1e6 * abs(elongation):.1f} um of drive '{drive.name}', whose stroke "
+            f"the move needs {1e6 * abs(free):.1f} um of drive '{drive.name}', whose stroke "
             f"is {1e6 * stroke:.1f} um: mount the scale closer to the axis, or take a stage with a "
             "larger stroke"
         )
     if isinstance(drive, Screw):
-        return elongation / drive.pitch, None
+        return free / drive.pitch, None
     low, high = drive.voltage_range or VOLTAGE_RANGE
-    return None, (high - low) * elongation / stroke
+    return None, (high - low) * free / stroke
 
 
 def _back(drive: Drive, elongation: float, turns: float | None) -> float:
