@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -19,6 +19,8 @@ TOLERANCE = 1e-6
 _STRAIGHT = 0.02
 # a bend is as thick as its strips within this part, and so many times longer at most
 _UNEVEN, _LONGEST = 0.1, 40.0
+# a contour that turns less has no corner (sine)
+_BLUNT = 0.1
 
 _Pair = tuple[float, float]
 
@@ -364,6 +366,45 @@ def short_halves(stage: Stage) -> dict[str, float]:
     others = {body.name for body in stage.other_bodies}
     shares = {h.name: share_to_root(h.profile) for h in stage.hinges if others & {*h.bodies}}
     return {name: share for name, share in shares.items() if share < STRAINED}
+
+
+def has_sharp_root(stage: Stage, hinge: Hinge) -> bool:
+    """Return whether a hinge ends in a corner without a radius, where it is thin.
+
+    In linear elasticity the stress there has no bound. A step counts if it begins within half of
+    the thickness of the neck; without a step, the contour of the bodies decides.
+    """
+    profile = hinge.profile
+    if profile.depth > 0.0:
+        return 0.0 < profile.step >= profile.depth - 0.5 * profile.neck_thickness
+    return _turns_out(stage, hinge, 0) or _turns_out(stage, hinge, 1)
+
+
+def _turns_out(stage: Stage, hinge: Hinge, which: int) -> bool:
+    """Return whether the contour turns outward where a hinge without a step ends."""
+    root = hinge_root(stage, hinge, which)
+    if not _fills(root):
+        return True
+    # another strip around a corner begins where this one ends
+    others = (h for h in stage.hinges if h.name != hinge.name and root.body in h.bodies)
+    around = [p for h in others for p in hinge_root(stage, h, h.bodies.index(root.body)).ends]
+    if any(math.dist(p, q) <= TOLERANCE for p in root.ends for q in around):
+        return True
+    for end, other in (root.ends, root.ends[::-1]):
+        ux, uy = Curve(other, end).direction(0.0)
+        leaving = _leaving(stage.body(root.body), end)
+        if any(x * ux + y * uy > _BLUNT for x, y in leaving):
+            return True
+    return False
+
+
+def _leaving(body: Body, corner: _Pair) -> Iterator[_Pair]:
+    """Yield the two directions in which the contour of a body leaves one of its corners."""
+    for loop in (body.outline, *(hole for hole in body.holes if isinstance(hole, Loop))):
+        for start, end, bulge in loop.segments():
+            for curve in (Curve(start, end, bulge), Curve(end, start, -bulge)):
+                if math.dist(curve.start, corner) <= TOLERANCE:
+                    yield curve.direction(0.0)
 
 
 def _steep_from(a: Vertex, b: Vertex) -> float | None:
