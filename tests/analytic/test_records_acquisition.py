@@ -159,6 +159,14 @@ def test_long_files_are_not_read_number_by_number(
     assert record.sample_rate_hz == pytest.approx(128.0, rel=1e-9)
 
 
+def test_an_empty_field_of_a_column_alone_is_a_row(tmp_path: Path) -> None:
+    file, u = tmp_path / "one.csv", [0.5 + i for i in range(20)]
+    u[11] = np.nan
+    file.write_text("u\n" + "".join(";\n" if np.isnan(x) else f"{x};\n" for x in u))
+    record = read_record(file, sample_rate=10.0, columns=[])
+    np.testing.assert_array_equal(record.channels[0].values, u)
+
+
 def test_labview_without_times_is_not_read_number_by_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

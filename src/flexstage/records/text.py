@@ -136,7 +136,9 @@ def _numbers(lines: list[str], first: int, layout: RowLayout) -> _Table:
                         dtype=np.float64,
                         usecols=used if len(used) < layout.width else None,
                     )
-                if values.shape[1] == len(used):
+                # of a column alone, an empty field may look like no row
+                rows = sum(bool(line.strip()) for line in lines[first:])
+                if values.shape == (rows, len(used)):
                     table.values = np.full((values.shape[0], layout.width), np.nan)
                     table.values[:, used] = values
                     if remark:
