@@ -7,6 +7,7 @@ millimetres where the source has another unit: with the same stress, displacemen
 """
 
 import csv
+import inspect
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -86,6 +87,12 @@ class Case:
     """The printed figures."""
     seconds: float
     """Time of the computation on one core."""
+    cpu: float
+    """Measured CPU time of all figures, on one core of an Intel Xeon [s]."""
+    file: str = ""
+    """Its stage file, of those in `STAGES`."""
+    shape: Callable[[], object] | None = None
+    """Its shape, of those in ``examples/published/parts.py``."""
 
 
 # ------------------------------------------------------------------------------------ tools
@@ -693,7 +700,9 @@ CASES: tuple[Case, ...] = (
         method="CalculiX, quadratic tetrahedra of 10 mm, large displacement",
         obstacle="rigid stage and exact clamps in a stage file (`Bodies` has them)",
         compute=two_leaves,
+        file="two-leaf-parallelogram",
         seconds=25.0,
+        cpu=20.0,
         rows=(
             Row(
                 what="stiffness by the stage file [N/mm]",
@@ -747,7 +756,9 @@ CASES: tuple[Case, ...] = (
         method="Ansys, 772 quadratic tetrahedra",
         obstacle="no plate: drawn as a part",
         compute=eight_wires,
+        shape=parts.eight_wire_mirror,
         seconds=10.0,
+        cpu=3.7,
         rows=(
             Row(
                 what="mode 1, polysilicon as stated [Hz]",
@@ -768,7 +779,9 @@ CASES: tuple[Case, ...] = (
         method="Ansys, tetrahedra",
         obstacle="no plate: drawn as a part; material and mesh of their elements are not printed",
         compute=four_blades,
+        shape=parts.four_blade_mirror,
         seconds=30.0,
+        cpu=12.0,
         rows=(
             Row(
                 what="mode 1 [Hz]",
@@ -793,7 +806,9 @@ CASES: tuple[Case, ...] = (
         method="Elmer, bricks of eight nodes",
         obstacle="exact clamps in a stage file",
         compute=four_leaves,
+        file="four-leaf-stage",
         seconds=40.0,
+        cpu=17.0,
         rows=(
             Row(
                 what="motion by the stage file [mm]",
@@ -814,7 +829,9 @@ CASES: tuple[Case, ...] = (
         method="Elmer, bricks of eight nodes",
         obstacle="weight along the plane in a stage file",
         compute=notched,
+        shape=parts.notched_beam,
         seconds=7.0,
+        cpu=2.1,
         rows=(
             Row(
                 what="motion of the tip [mm]",
@@ -832,7 +849,9 @@ CASES: tuple[Case, ...] = (
         method="Elmer, bricks of eight nodes",
         obstacle="exact clamps in a stage file",
         compute=small_four_leaves,
+        file="small-four-leaf-stage",
         seconds=7.0,
+        cpu=2.6,
         rows=(
             Row(
                 what="motion by the stage file [mm]",
@@ -862,9 +881,10 @@ CASES: tuple[Case, ...] = (
         group="Zahorack",
         source="github.com/Zahorack/fem-ansys, no licence",
         method="Ansys, bilinear plane elements of 50 um",
-        obstacle="a leaf that runs into a body without a step; imposed motion of an edge",
+        obstacle="imposed motion of an edge in a stage file",
         compute=gripper,
         seconds=12.0,
+        cpu=4.1,
         rows=(
             Row(what="motion of the tip for 20 um [mm]", printed=0.270, key="tip"),
             Row(
@@ -881,9 +901,10 @@ CASES: tuple[Case, ...] = (
         group="Zahorack",
         source="the same",
         method="Ansys, bilinear plane elements of 20 um",
-        obstacle="beams that run into bodies without a step",
+        obstacle="clamps without a body in a stage file",
         compute=arm,
         seconds=1.0,
+        cpu=0.2,
         rows=(
             Row(
                 what="motion of the tip [um]",
@@ -900,7 +921,9 @@ CASES: tuple[Case, ...] = (
         method="Ansys, linear bricks",
         obstacle="orthotropic silicon; taper of a leaf in a stage file",
         compute=accelerometer,
+        shape=parts.torsion_accelerometer,
         seconds=30.0,
+        cpu=10.0,
         rows=(
             Row(
                 what="mode 1, torsion of the beams [Hz]",
@@ -936,6 +959,7 @@ CASES: tuple[Case, ...] = (
         obstacle="a leaf without a second body",
         compute=leaf_far,
         seconds=1.0,
+        cpu=0.2,
         rows=(
             Row(what="motion across at 0.2 E I/L^2 [L/10]", printed=0.663, key="across at 0.05"),
             Row(what="motion across at 4 E I/L^2 [L/10]", printed=6.698, key="across at 1"),
@@ -951,6 +975,7 @@ CASES: tuple[Case, ...] = (
         obstacle="leaves that cross, which no single plate has",
         compute=cross_axis_pivots,
         seconds=2.0,
+        cpu=1.9,
         rows=(
             Row(what="stiffness to 1.1 rad, n 0.5 [EI/2L]", printed=4.6532, key="stiffness 0.5"),
             Row(what="stiffness to 1.1 rad, n 1 [EI/2L]", printed=4.3079, key="stiffness 1"),
@@ -972,7 +997,9 @@ CASES: tuple[Case, ...] = (
         method="FeenoX, hexahedra",
         obstacle="a round wire in a stage file",
         compute=wire,
+        shape=parts.copper_wire,
         seconds=15.0,
+        cpu=5.0,
         rows=tuple(
             Row(what=f"mode {n} [Hz]", printed=printed, key=f"mode {n}")
             for n, printed in ((1, 45.84), (3, 803.4), (5, 2596.0))
@@ -985,7 +1012,9 @@ CASES: tuple[Case, ...] = (
         method="closed form; quadratic bricks, converged",
         obstacle="a curved leaf in a stage file",
         compute=quarter_circle,
+        shape=parts.quarter_circle_leaf,
         seconds=6.0,
+        cpu=0.8,
         rows=(
             Row(what="in its plane, closed form [in/lbf]", printed=0.08734, key="in its plane"),
             Row(what="in its plane, bricks [in/lbf]", printed=0.088519352, key="in its plane"),
@@ -1000,7 +1029,9 @@ CASES: tuple[Case, ...] = (
         method="spectral beam element",
         obstacle="bending out of the plane with large displacement in a stage file",
         compute=eighth_circle,
+        shape=parts.eighth_circle_rod,
         seconds=10.0,
+        cpu=3.7,
         rows=(
             Row(what="motion across [in]", printed=53.57763, key="across"),
             Row(what="along the clamped end [in]", printed=-23.64597, key="along"),
@@ -1015,6 +1046,7 @@ CASES: tuple[Case, ...] = (
         obstacle="none",
         compute=notches,
         seconds=0.1,
+        cpu=0.1,
         rows=(
             Row(what="rotation, t/R 0.05 [12/(E b R^2)]", printed=25625.0, key="rotation at 0.05"),
             Row(what="rotation, t/R 0.8", printed=27.743, key="rotation at 0.8"),
@@ -1104,11 +1136,39 @@ def figure_lines() -> list[list[str]]:
     return sorted(lines, key=lambda cells: -abs(float(cells[4])))
 
 
+def code_lines(text: str) -> int:
+    """Return the number of lines that are neither empty nor comments."""
+    return sum(
+        bool(line.strip()) and not line.lstrip().startswith("#") for line in text.splitlines()
+    )
+
+
+def described(case: Case) -> str:
+    """Return what it takes to describe a case and to get its first figure."""
+    if case.file:
+        lines = code_lines((STAGES / f"{case.file}.yaml").read_text("utf-8"))
+        return f"{lines} lines of YAML, `analyse`"
+    if case.shape is not None:
+        return f"{code_lines(inspect.getsource(case.shape))} lines of Python, `part`"
+    return f"{code_lines(inspect.getsource(case.compute))} lines of Python"
+
+
 def source_lines() -> list[list[str]]:
     """Return the rows of the table of sources."""
-    rows = [[c.name, c.group, c.source, c.method, c.obstacle] for c in CASES]
+    rows = [
+        [c.name, c.group, c.source, c.method, described(c), f"{c.cpu:g}", c.obstacle] for c in CASES
+    ]
     e = Elsewhere
-    return [*rows, ["joints, amplified actuator", e.group, e.source, e.method, e.obstacle]]
+    other = [
+        "joints, amplified actuator",
+        e.group,
+        e.source,
+        e.method,
+        "another page",
+        "",
+        e.obstacle,
+    ]
+    return [*rows, other]
 
 
 def main(folder: Path) -> None:

@@ -2,16 +2,23 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+import shapely
 
 from flexstage.base.errors import StageError
+from flexstage.export.drawing.contours import plate_contours
+from flexstage.fem.whole_stage import plane_model
+from flexstage.hinges import Leaf
+from flexstage.lumped import lumped_system
 from flexstage.quantities.material import material
 from flexstage.stage import Body, Hinge, Loop, Stage, check
 from flexstage.stage.drawing.drawn_stage import read_drawing
 from flexstage.stage.drawing.requests import ContourOptions, DrawingOptions
 from flexstage.stage.drawing.thickness import _Samples, _too_coarse
+from flexstage.system import probe_stiffness
 from tests import foreign_drawings as foreign
 from tests.drawing_stages import NOTCHES, guide
 from tests.drawn_stages import dxf_without_hinges, require_same
@@ -193,3 +200,152 @@ def test_points_are_wanted_where_sides_face_each_other(height: int, coarse: int)
         length=np.full(size, 1e-3 * size),
     )
     assert len(_too_coarse(samples, np.full(size, 1e-3))) == coarse
+
+
+# ----------------------------------------------------- strips around corners
+
+#: Middle lines of strips between two blocks [mm], their thickness [mm], and the straight parts.
+STRIPS: dict[str, tuple[list[tuple[float, float]], float, int]] = {
+    "leg with a corner": ([(0, 0), (0, 12.25), (9.5, 12.25)], 0.5, 2),
+    "oblique leg": ([(0, 0), (0, 12.25), (9.5, 18)], 0.5, 2),
+    "slight bend": ([(0, 0), (0, 12), (9.5, 13.9)], 0.5, 2),
+    "folded spring": ([(0, 0), (0, 20), (1.5, 20), (1.5, 2), (9.5, 2)], 0.4, 4),
+    "serpentine": (
+        [(0, 0), (0, 3), (8, 3), (8, 7), (-8, 7), (-8, 11), (9.5, 11)],
+        0.4,
+        6,
+    ),
+}
+
+
+def _sides(line: list[tuple[float, float]], thickness: float) -> tuple[list, list]:
+    """Both sides of a middle line with mitred corners, from an end along x."""
+    z = [complex(*p) for p in line]
+    along = [(b - a) / abs(b - a) for a, b in pairwise(z)]
+    half = 0.5 * thickness
+    normals = [1j * along[0]]
+    normals += [1j * (u + v) / (1.0 + (u.conjugate() * v).real) for u, v in pairwise(along)]
+    # the ends lie on the edges of the blocks, along x and along y
+    normals.append(1j / along[-1].real)
+    left, right = ([p + s * half * n for p, n in zip(z, normals, strict=True)] for s in (1, -1))
+    return [(p.real, p.imag) for p in left], [(p.real, p.imag) for p in right]
+
+
+def _write_lines(path, loops: list[list[tuple[float, float]]]) -> None:
+    """Write closed polygons as lines of a DXF file, by the group codes of the format."""
+    tags = ["0", "SECTION", "2", "HEADER", "9", "$INSUNITS", "70", "4", "0", "ENDSEC"]
+    tags += ["0", "SECTION", "2", "ENTITIES"]
+    for loop in loops:
+        for (ax, ay), (bx, by) in zip(loop, [*loop[1:], loop[0]], strict=True):
+            tags += ["0", "LINE", "8", "0", "10", repr(ax), "20", repr(ay), "11", repr(bx)]
+            tags += ["21", repr(by)]
+    path.write_text("\n".join([*tags, "0", "ENDSEC", "0", "EOF", ""]))
+
+
+def _stage_of(loop: list[tuple[float, float]], path, tip: tuple[float, float]) -> Stage:
+    """The stage of a drawing with two rigid blocks, read in x and y where a strip ends."""
+    _write_lines(path, [loop])
+    x, y = tip
+    options = DrawingOptions(
+        thickness=5e-3,
+        material="Al 7075-T6",
+        fixed=("0,-5",),
+        body=("0,-5: rigid", f"{x + 5},{y}: rigid"),
+        probe=(f"x: {x},{y} at 0 deg", f"y: {x},{y} at 90 deg"),
+    )
+    stage = read_drawing(path, options).stage
+    assert [i for i in check(stage) if i.severity == "error"] == []
+    (plate,) = plate_contours(stage).contours
+    drawn = shapely.Polygon(1e3 * plate.loop.polyline(1e-6))
+    assert drawn.symmetric_difference(shapely.Polygon(loop)).area < 1e-6
+    return stage
+
+
+def _castigliano(line: list[tuple[float, float]], thickness: float, stage: Stage) -> dict:
+    """Compliance of a bent strip at its end, by its middle line, with shear 6/5 V/GA."""
+    t, h = 1e-3 * thickness, stage.thickness
+    e, nu = stage.material.youngs_modulus, stage.material.poissons_ratio
+    points = 1e-3 * np.array(line, dtype=float)
+    total = np.zeros((2, 2))
+    shares, weights = np.polynomial.legendre.leggauss(2)
+    for a, b in pairwise(points):
+        length = float(np.hypot(*(b - a)))
+        u = (b - a) / length
+        v = np.array([-u[1], u[0]])
+        for share, weight in zip(0.5 * (shares + 1.0), 0.5 * weights, strict=True):
+            x, y = points[-1] - a - share * (b - a)
+            moment = np.array([-y, x])
+            total += weight * length * 12.0 / (e * h * t**3) * np.outer(moment, moment)
+        total += length / (e * h * t) * (np.outer(u, u) + 2.4 * (1.0 + nu) * np.outer(v, v))
+    return {"x": float(total[0, 0]), "y": float(total[1, 1])}
+
+
+@pytest.mark.parametrize("name", STRIPS)
+def test_a_strip_around_corners_is_a_chain_of_leaves(name: str, tmp_path) -> None:
+    line, thickness, parts = STRIPS[name]
+    left, right = _sides(line, thickness)
+    x, y = line[-1]
+    end = [(x, y - 4), (x + 10, y - 4), (x + 10, y + 9), (x, y + 9)]
+    loop = [*right, *end, *left[::-1], (-12, 0), (-12, -10), (8, -10), (8, 0)]
+    stage = _stage_of(loop, tmp_path / "part.dxf", (x, y))
+    assert len(stage.hinges) == parts
+    assert {(h.profile.kind, h.profile.depth) for h in stage.hinges} == {("leaf", 0.0)}
+    for hinge in stage.hinges:
+        assert hinge.profile.neck_thickness == pytest.approx(1e-3 * thickness, rel=1e-9)
+    lumped = lumped_system(stage, plane="stress")
+    whole = plane_model(stage, plane="stress").system
+    for probe, compliance in _castigliano(line, thickness, stage).items():
+        stiffness = probe_stiffness(lumped, probe)
+        assert stiffness == pytest.approx(1.0 / compliance, rel=0.005), probe
+        # sharp corners are stiffer than their middle lines
+        assert stiffness == pytest.approx(probe_stiffness(whole, probe), rel=0.025), probe
+
+
+def test_a_leaf_may_end_flush_on_opposite_sides(tmp_path) -> None:
+    loop = [(0.25, 0), (0.25, 30), (-20, 30), (-20, 20), (-0.25, 20)]
+    loop += [(-0.25, -10), (20, -10), (20, 0)]
+    _write_lines(path := tmp_path / "part.dxf", [loop])
+    (hinge,) = read_drawing(path).stage.hinges
+    assert hinge.profile == Leaf(neck_thickness=0.5e-3, leaf_length=20e-3, notch_depth=0.0)
+    assert hinge.at == pytest.approx((0.0, 10e-3))
+
+
+def test_bends_of_arcs_are_bodies_that_share_their_length_with_the_leaves(tmp_path) -> None:
+    """A folded spring with half rings at its ends, against finite elements."""
+    p, h = 1.5, 0.2
+    right = [(h, 0, 0), (h, 20, -1), (p - h, 20, 0), (p - h, 2, 1), (2 * p + h, 2, 0)]
+    left = [(2 * p - h, 2, -1), (p + h, 2, 0), (p + h, 20, 1), (-h, 20, 0), (-h, 0, 0)]
+    top = [*_straight((2 * p + h, 24), (20, 24), (20, 34), (-12, 34), (-12, 24), (2 * p - h, 24))]
+    base = _straight((-12, 0), (-12, -10), (12, -10), (12, 0))
+    stage = _found(
+        [[*right, *top, *left, *base]],
+        tmp_path / "part.dxf",
+        thickness=5e-3,
+        fixed=("0,-5",),
+        body=("0,-5: rigid", "3,30: rigid"),
+        probe=("x: 3,24 at 0 deg", "y: 3,24 at 90 deg"),
+    )
+    assert len(stage.hinges) == 3
+    lumped = lumped_system(stage, plane="stress")
+    whole = plane_model(stage, plane="stress").system
+    for probe in ("x", "y"):
+        expected = probe_stiffness(whole, probe)
+        assert probe_stiffness(lumped, probe) == pytest.approx(expected, rel=0.01), probe
+
+
+def test_a_platform_between_two_leaves_is_no_bend(tmp_path) -> None:
+    outline = [(-10.25, 0), (-10.25, 30), (10.25, 30), (10.25, 0), (20, 0), (20, -10)]
+    outline += [(-20, -10), (-20, 0)]
+    window = [(-9.75, 0), (-9.75, 20), (9.75, 20), (9.75, 0)]
+    _write_lines(path := tmp_path / "part.dxf", [outline, window])
+    stage = read_drawing(path).stage
+    assert len(stage.bodies) == len(stage.hinges) == 2
+    assert {h.profile.one_sided for h in stage.hinges} == {True}
+
+
+def test_a_strip_that_tapers_is_refused(tmp_path) -> None:
+    loop = [(0.25, 0), (0.35, 20), (20, 20), (20, 30), (-20, 30), (-20, 20), (-0.35, 20)]
+    loop += [(-0.25, 0), (-20, 0), (-20, -10), (20, -10), (20, 0)]
+    _write_lines(path := tmp_path / "part.dxf", [loop])
+    with pytest.raises(StageError, match="matches no hinge profile"):
+        read_drawing(path)

@@ -7,7 +7,7 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
-from flexstage.base.errors import StageError
+from flexstage.base.errors import ConvergenceError, StageError
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem import (
     MeshSettings,
@@ -18,10 +18,15 @@ from flexstage.fem import (
 )
 from flexstage.fem.geometry import patches, stage_faces
 from flexstage.fem.stage_system import body_motion, body_path, drive_vector, probe_vector
+from flexstage.fem.superelement import with_estimates
+from flexstage.fem.whole_stage import refine
+from flexstage.hinges import AsDrawn, CornerFilleted, Leaf, Profile
 from flexstage.lumped import lumped_system
-from flexstage.stage import Circle, ExtraMass, Probe, Stage
+from flexstage.stage import Body, Circle, ExtraMass, Hinge, Loop, Probe, Stage, check
+from flexstage.stage.contour import has_sharp_root
 from flexstage.stage.designs import design
 from flexstage.system import analyse, load_readings, modes, static_displacements, static_forces
+from flexstage.system.characteristics import NO_LIMIT
 
 STAGE = design("parallelogram")
 MESH = MeshSettings(order=3, neck_size=1.5)
@@ -250,3 +255,125 @@ def test_a_frame_without_holes_holds_no_leaf() -> None:
     edges = replace(stage, bodies=tuple(replace(b, mounting_holes=()) for b in stage.bodies))
     bolts, held = (modes(plane_model(s, modes=2).system).frequency_hz[:2] for s in (stage, edges))
     np.testing.assert_allclose(held, bolts, rtol=3e-4)
+
+
+# ------------------------------------------------------------------------- sharp roots
+
+_SHARP = Leaf(neck_thickness=0.5e-3, leaf_length=4e-3, notch_depth=2e-3)
+_QUARTER = math.tan(math.pi / 8.0)
+_ROUND = CornerFilleted(neck_thickness=0.5e-3, notch_length=4e-3, fillet_radius=0.5e-3)
+
+
+def _of(profile: Profile) -> Stage:
+    return replace(STAGE, hinges=tuple(replace(h, profile=profile) for h in STAGE.hinges))
+
+
+@pytest.mark.parametrize(("profile", "grows"), [(_SHARP, True), (_ROUND, False)])
+def test_stress_at_a_sharp_root_is_not_presented_as_converged(
+    profile: Profile, grows: bool
+) -> None:
+    """M. L. Williams, J. Appl. Mech. 19 (1952) 526: the stress at a corner has no bound."""
+    values = []
+    for size in (1.0, 0.25):
+        model = plane_model(_of(profile), MeshSettings(order=2, neck_size=size))
+        result = analyse(model.stage, model.system)
+        (row,) = result.characteristics.select("max_stress", "x")
+        values.append(row.value)
+        assert (NO_LIMIT in row.note) is grows
+        assert row.uncertainty is None or not grows
+        assert any("sharp root of" in line for line in result.validity) is grows
+    assert (values[1] > 1.3 * values[0]) is grows
+
+
+def test_no_mesh_converges_to_the_stress_at_a_sharp_root() -> None:
+    def build(settings: MeshSettings) -> StageModel:
+        return plane_model(_of(_SHARP), settings)
+
+    meshes = [MeshSettings(order=2, neck_size=size) for size in (1.5, 1.0)]
+    with pytest.raises(ConvergenceError, match="without a limit at a sharp root"):
+        refine(build, meshes, accuracy=0.9, quantity="max_stress")
+    # what was the change of the stress from mesh to mesh is no uncertainty
+    found = refine(build, meshes, accuracy=0.9).analysis.characteristics
+    (stress,) = found.select("max_stress", "x")
+    (frequency,) = found.select("natural_frequency_hz", "x")
+    assert stress.uncertainty is None
+    assert frequency.uncertainty is not None
+
+
+@pytest.mark.slow
+def test_condensed_bodies_give_no_uncertainty_of_the_stress_at_a_sharp_root() -> None:
+    for profile, sharp in ((_SHARP, True), (_ROUND, False)):
+        model = superelement_model(_of(profile), MeshSettings(order=2), cache=False)
+        found = with_estimates(analyse(model.stage, model.system), model, cache=False)
+        (row,) = found.characteristics.select("max_stress", "x")
+        assert (row.uncertainty is None) is sharp
+
+
+def test_which_roots_are_sharp() -> None:
+    flush = replace(_SHARP, notch_depth=0.0)
+    stepped = AsDrawn(neck_thickness=0.5e-3, distances=(2e-3, 2e-3), depths=(0.0, 2e-3))
+    deep = AsDrawn(neck_thickness=0.5e-3, distances=(2e-3, 2e-3), depths=(1e-3, 2e-3))
+    for profile, sharp in (
+        *((p, True) for p in (_SHARP, flush, stepped)),
+        *((p, False) for p in (_ROUND, deep, STAGE.hinges[0].profile)),
+    ):
+        stage = _of(profile)
+        assert {has_sharp_root(stage, h) for h in stage.hinges} == {sharp}, profile
+
+
+@pytest.mark.parametrize("rounded", [False, True])
+def test_fillets_of_a_body_round_the_root_of_a_leaf_without_steps(rounded: bool) -> None:
+    half, r, wide = 0.25e-3, 1e-3, 5e-3
+    below = ((wide, -wide), (-wide, -wide))
+    if rounded:
+        points = ((half, 0.0), (half + r, -r), (wide, -r), *below, (-wide, -r), (-half - r, -r))
+        outline = Loop((*points, (-half, 0.0)), (_QUARTER, *[0.0] * 5, _QUARTER, 0.0))
+    else:
+        outline = Loop(((wide, 0.0), *below, (-wide, 0.0)))
+    end = outline.mapped(lambda p: (-p[0], 10e-3 - p[1]))
+    leaf = Hinge(
+        name="leaf",
+        bodies=("base", "end"),
+        at=(0.0, 5e-3),
+        direction=0.5 * math.pi,
+        profile=Leaf(neck_thickness=2.0 * half, leaf_length=10e-3, notch_depth=0.0),
+    )
+    stage = Stage(
+        name="leaf",
+        thickness=5e-3,
+        material=STAGE.material,
+        bodies=(Body(name="base", outline=outline, fixed=True), Body(name="end", outline=end)),
+        hinges=(leaf,),
+    )
+    assert not [i for i in check(stage) if i.severity == "error"]
+    assert has_sharp_root(stage, leaf) is not rounded
+
+
+def test_strips_that_meet_in_a_corner_have_sharp_roots() -> None:
+    """A leg with a corner, whose inner side is sharp where the leaves meet."""
+    t = 0.5e-3
+
+    def leaf(name: str, bodies: tuple[str, str], at: tuple[float, float], turn: float) -> Hinge:
+        profile = Leaf(neck_thickness=t, leaf_length=5e-3, notch_depth=0.0)
+        return Hinge(name=name, bodies=bodies, at=at, direction=turn, profile=profile)
+
+    def square(x: float, y: float) -> Loop:
+        return Loop(((x, y), (x + t, y), (x + t, y + t), (x, y + t)))
+
+    stage = Stage(
+        name="leg",
+        thickness=5e-3,
+        material=STAGE.material,
+        bodies=(
+            Body(name="foot", outline=square(0.0, -5.5e-3), fixed=True),
+            Body(name="corner", outline=square(0.0, 0.0)),
+            Body(name="tip", outline=square(5.5e-3, 0.0)),
+        ),
+        hinges=(
+            leaf("up", ("foot", "corner"), (0.5 * t, -2.5e-3), 0.5 * math.pi),
+            leaf("across", ("corner", "tip"), (3e-3, 0.5 * t), 0.0),
+        ),
+    )
+    assert [has_sharp_root(stage, h) for h in stage.hinges] == [True, True]
+    # without the leaf around the corner, nothing turns outward
+    assert not has_sharp_root(replace(stage, hinges=stage.hinges[:1]), stage.hinges[0])

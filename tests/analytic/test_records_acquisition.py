@@ -122,6 +122,63 @@ def test_remarks_and_empty_channels(tmp_path: Path) -> None:
     assert "incomplete columns that are not used: spare" in record.notes
 
 
+@pytest.mark.parametrize("ending", ["", "\t"])
+def test_a_comment_in_the_first_row_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    monkeypatch.delattr("flexstage.records.text._numbers_slowly")
+    names = "X_Value\tdrive\tComment"
+    cells = "Y_Unit_Label\tVolts\t\nX_Dimension\tTime\tTime\t"
+    rows = ["0.000000\t0.5\tbegin", *(f"{0.01 * i:.6f}\t{0.5 + i}{ending}" for i in range(1, 30))]
+    record = read_record(lvm(tmp_path, "One", cells, names, rows))
+    assert [(c.name, c.unit) for c in record.channels[:2]] == [("X_Value", "s"), ("drive", "V")]
+    assert record.channel("drive").values.tolist() == [0.5 + i for i in range(30)]
+    assert any("begin" in note for note in record.notes)
+
+
+LONG = {
+    "quoted.csv": ('"t [s]","u [V]"', lambda i, u: f'"{i / 128}","{u}"'),
+    "empty.csv": ("t [s];u [V];spare;w", lambda i, u: f"{i / 128};{u};;{i}"),
+    "stamped.csv": ("t,u [V]", lambda i, u: f"2026-02-28 23:59:{i / 128:010.7f},{u}"),
+    "german.csv": ("t;u [V]", lambda i, u: f"23:59:{i / 128:010.7f};{u}".replace(".", ",")),
+}
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_long_files_are_not_read_number_by_number(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A million rows take seconds by numpy.loadtxt, ten times as many number by number."""
+    monkeypatch.delattr("flexstage.records.text._numbers_slowly")
+    heading, row = LONG[name]
+    u = [(-1) ** i * (0.25 + i) for i in range(1000)]
+    file = tmp_path / name
+    file.write_text("\n".join([heading, *(row(i, v) for i, v in enumerate(u))]) + "\n")
+    record = read_record(file, columns=["u"])
+    assert record.channel("u").values.tolist() == u
+    assert record.sample_rate_hz == pytest.approx(128.0, rel=1e-9)
+
+
+def test_an_empty_field_of_a_column_alone_is_a_row(tmp_path: Path) -> None:
+    file, u = tmp_path / "one.csv", [0.5 + i for i in range(20)]
+    u[11] = np.nan
+    file.write_text("u\n" + "".join(";\n" if np.isnan(x) else f"{x};\n" for x in u))
+    record = read_record(file, sample_rate=10.0, columns=[])
+    np.testing.assert_array_equal(record.channels[0].values, u)
+
+
+def test_labview_without_times_is_not_read_number_by_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr("flexstage.records.text._numbers_slowly")
+    cells = "Y_Unit_Label\tVolts\tVolts\t\nX_Dimension\tTime\tTime\t\nDelta_X\t0.01\t0.01\t"
+    rows = [f"\t{0.5 * i}\t{-i}" for i in range(100)]
+    record = read_record(lvm(tmp_path, "No", cells, "X_Value\tdrive\tsensor\tComment", rows))
+    assert record.channel("drive").values.tolist() == [0.5 * i for i in range(100)]
+    assert record.channel("sensor").values.tolist() == [float(-i) for i in range(100)]
+    assert record.sample_rate_hz == pytest.approx(100.0)
+
+
 H = np.array([0.3 - 1.7j, 2.9e-5 + 0.4j, -1.1 + 1.234567890123456e-7j])
 
 

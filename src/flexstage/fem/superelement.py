@@ -25,7 +25,7 @@ from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage import Stage
 from flexstage.system import Analysis, MechanicalSystem, analyse
-from flexstage.system.characteristics import scatter_at_points
+from flexstage.system.characteristics import NO_LIMIT, scatter_at_points
 from flexstage.system.stress_map import StressMap
 
 #: Mesh settings of bodies: elements may grow fast, as stress is that of half notches alone.
@@ -335,7 +335,7 @@ def with_estimates(
     rows = []
     for row in analysis.characteristics:
         key = (row.quantity, row.axis)
-        if all(key in table for table in tables):
+        if all(key in table for table in tables) and NO_LIMIT not in row.note:
             left = float(_error_estimate(row.value, *(table[key] for table in tables)))
             if row.quantity in _OF_STRESS:
                 left += (excess + _MARGINS.least_of_stress) * abs(row.value)

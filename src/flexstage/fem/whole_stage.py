@@ -16,15 +16,14 @@ from flexstage.fem.mesh import MIDDLE, MeshSettings, mesh_without_slivers, prism
 from flexstage.fem.model import StageModel, assemble
 from flexstage.fem.stage_system import Supports, region_materials
 from flexstage.fem.substructure import notch_states
-from flexstage.hinges import Leaf
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.quantities.characteristic import Characteristics
 from flexstage.quantities.quantity import QUANTITIES
 from flexstage.stage import Stage
 from flexstage.stage.assumptions import DAMPING_RATIO
-from flexstage.stage.contour import short_halves
+from flexstage.stage.contour import has_sharp_root, short_halves
 from flexstage.system import Analysis, analyse
-from flexstage.system.characteristics import scatter_at_points
+from flexstage.system.characteristics import NO_LIMIT, scatter_at_points
 
 #: Number of modes that are retained besides the static responses.
 PLANE_MODES = 16
@@ -115,11 +114,11 @@ def plane_model(
 def common_validity(stage: Stage, supports_note: str) -> tuple[str, ...]:
     """Return the limits of validity of every finite-element model of a stage."""
     ratio = 100.0 * DAMPING_RATIO
-    sharp = [h.name for h in stage.hinges if isinstance(h.profile, Leaf)]
+    sharp = [h.name for h in stage.hinges if has_sharp_root(stage, h)]
     corners = (
-        f"Leaves end in sharp corners ({', '.join(sharp[:4])}"
-        f"{', ...' if len(sharp) > 4 else ''}): the stress there is singular and its largest value "
-        "depends on the mesh; corner-filleted leaves have a finite one.",
+        f"The stress at the sharp root of {', '.join(sharp[:4])}"
+        f"{', ...' if len(sharp) > 4 else ''} grows with the mesh without a limit; give a fillet, "
+        "such as kind corner-filleted, for a finite one.",
     )
     early = ", ".join(f"{n} from {100.0 * s:.0f} %" for n, s in short_halves(stage).items())
     steep = f"Of the length of a half notch the end is of its body, where that is another: {early}."
@@ -361,6 +360,11 @@ def refine(
             model = build(settings)
             analysis = analyse(model.stage, model.system)
         values = {(r.quantity, r.axis): r.value for r in analysis.characteristics}
+        if any(r.quantity == quantity and NO_LIMIT in r.note for r in analysis.characteristics):
+            raise ConvergenceError(
+                f"{quantity} grows with the mesh without a limit at a sharp root: give a fillet "
+                "there, or another quantity"
+            )
         if not any(name == quantity for name, _ in values):
             raise ModelError(
                 f"the model gives no {quantity}, so its accuracy cannot be reached: choose one of "
@@ -393,6 +397,9 @@ def _with_changes(
 ) -> Analysis:
     rows = []
     for row in analysis.characteristics:
+        if NO_LIMIT in row.note:
+            rows.append(row)
+            continue
         key = (row.quantity, row.axis)
         estimates = [] if row.uncertainty is None else [row.uncertainty]
         if all(key in step.values for step in steps):

@@ -42,6 +42,9 @@ _KEYS = re.compile(r"^#\s*(SEPARATOR|DIM|NDATA|SAMPLE_TIME|END_HEADER)\b", re.MU
 _GCS_NUMBER = re.compile(
     r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)", re.IGNORECASE
 )
+_PLAIN_SECONDS = re.compile(r"\d\d(?:[.,]\d{1,9})?", re.ASCII)
+# a line of white space alone
+_BLANK_ROW = re.compile(r"^[^\S\n]+$", re.MULTILINE)
 _SEPARATORS = {32: None, 9: "\t", 44: ",", 59: ";"}
 
 
@@ -109,30 +112,79 @@ def _numbers(lines: list[str], first: int, layout: RowLayout) -> _Table:
     if layout.trailing:
         mark = layout.delimiter or ""
         body = [line.rstrip().removesuffix(mark.strip() or mark) for line in body]
+    remark = ""
+    if layout.delimiter == "\t" and not layout.words:
+        # LabVIEW writes a comment behind the numbers of the first row
+        fields, remark = _fitted(body[0].split("\t"), first + 1, layout)
+        body[0] = "\t".join(fields)
     block = "\n".join(body)
     # the decimal sign, even if only some numbers have decimals
     comma = layout.delimiter != "," and "," in block
     plain = not (layout.words and any(m in block for m in COMMENT_MARKS if m != layout.delimiter))
-    if plain and not (layout.stamps or '"' in block or (comma and "." in block)):
+    if plain and not (comma and "." in block):
         table = _text_columns(lines, first, layout) if layout.words else _Table(np.zeros(0))
-        used = [j for j in range(layout.width) if j not in layout.words]
-        try:
-            with io.StringIO(block.replace(",", ".") if comma else block) as stream:
-                values = np.loadtxt(
-                    stream,
-                    delimiter=layout.delimiter,
-                    comments=None,
-                    ndmin=2,
-                    dtype=np.float64,
-                    usecols=used if layout.words else None,
-                )
-            if table is not None and values.shape[1] == len(used):
-                table.values = np.full((values.shape[0], layout.width), np.nan)
-                table.values[:, used] = values
-                return table
-        except ValueError:
-            pass
+        used = [j for j in range(layout.width) if j not in (*layout.words, *layout.stamps)]
+        stamps = _plain_stamps(body, layout)
+        if table is not None and stamps is not None:
+            try:
+                with io.StringIO(_filled(block.replace(",", ".") if comma else block, layout)) as f:
+                    values = np.loadtxt(
+                        f,
+                        delimiter=layout.delimiter,
+                        comments=None,
+                        ndmin=2,
+                        dtype=np.float64,
+                        usecols=used if len(used) < layout.width else None,
+                    )
+                # of a column alone, an empty field may look like no row
+                rows = sum(bool(line.strip()) for line in lines[first:])
+                if values.shape == (rows, len(used)):
+                    table.values = np.full((values.shape[0], layout.width), np.nan)
+                    table.values[:, used] = values
+                    if remark:
+                        table.remarks.append((first + 1, remark))
+                    if layout.stamps:
+                        table.values[:, list(layout.stamps)] = stamps
+                    return table
+            except ValueError:
+                pass
     return _numbers_slowly(lines, first, layout)
+
+
+def _filled(block: str, layout: RowLayout) -> str:
+    """Return rows without quotes around numbers, and with NaN in empty fields."""
+    if '"' in block and not layout.words:
+        block = block.replace('"', "")
+    mark = layout.delimiter
+    # what is a row of nothing, and no row, depends on the delimiter
+    if mark is None or _BLANK_ROW.search(block):
+        return block
+    block = f"\n{block}\n"
+    for place in (f"{mark}{mark}", f"{mark}{mark}", f"\n{mark}", f"{mark}\n"):
+        block = block.replace(place, f"{place[0]}nan{place[1]}")
+    return block
+
+
+def _plain_stamps(body: list[str], layout: RowLayout) -> Array | None:
+    """Return the stamps of rows, shape (n, k); None if a row has no plain one in each column."""
+    # the minute of many rows is parsed once
+    minutes: dict[str, float | None] = {}
+    stamps: list[float] = []
+    for line in body if layout.stamps else ():
+        if not line.strip():
+            continue
+        fields = line.split(layout.delimiter)
+        if len(fields) != layout.width:
+            return None
+        for j in layout.stamps:
+            minute, _, seconds = fields[j].strip(' "').rpartition(":")
+            if minute not in minutes:
+                minutes[minute] = _seconds(f"{minute}:00", layout)
+            begin = minutes[minute]
+            if begin is None or not _PLAIN_SECONDS.fullmatch(seconds):
+                return None
+            stamps.append(begin + float(seconds.replace(",", ".")))
+    return np.array(stamps).reshape(-1, max(len(layout.stamps), 1))
 
 
 def _without_last(table: _Table) -> _Table:
@@ -152,7 +204,10 @@ def _text_columns(lines: list[str], first: int, layout: RowLayout) -> _Table | N
         if not line.strip():
             continue
         fields = line.split(layout.delimiter)
-        if len(fields) != layout.width + layout.trailing:
+        short = layout.width - len(fields)
+        if short > 0 and layout.words.issuperset(range(len(fields), layout.width)):
+            fields += [""] * short
+        elif short != -layout.trailing:
             return None
         for j in layout.words:
             text = fields[j].strip()

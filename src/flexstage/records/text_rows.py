@@ -298,7 +298,7 @@ def is_month_first(lines: Iterable[str]) -> bool | None:
     >>> is_month_first(["11/27/2026 14:03:12"]), is_month_first(["5/6/2026 9:00", "5/7/2026 9:00"])
     (True, None)
     """
-    dates = {pair for line in lines for pair in _SLASHED.findall(line)}
+    dates = {pair for line in lines if "/" in line for pair in _SLASHED.findall(line)}
     largest = [max((int(pair[k]) for pair in dates), default=0) for k in (0, 1)]
     if max(largest) > 12:
         return largest[1] > 12
@@ -312,6 +312,9 @@ def first_row(
     numeric = _numbers_alone(lines, skip, delimiters, decimal)
     if numeric is not None and numeric[1].width > 1:
         first, layout = numeric
+        if labview := [n for n in range(skip, first) if lines[n].startswith(_END_OF_HEADER)]:
+            # names are below the heading; the first row may have a comment
+            first = min(first, labview[-1] + 2)
         return _final_layout(lines, _above(lines, skip, first, layout), layout)
     mixed = _with_text(lines, skip, delimiters, decimal)
     if mixed is not None and (numeric is None or mixed[1].width > 1):

@@ -2,19 +2,25 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
 from flexstage.base.errors import StageError
 from flexstage.hinges.hinge_spring import ROOT_REACH
 from flexstage.hinges.profile import Profile, Vertex
-from flexstage.stage.curve import line_coordinates
+from flexstage.stage.curve import Curve, line_coordinates
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop, arc
 
 #: Largest distance of a root from the edge that it should lie on [m].
 TOLERANCE = 1e-6
+# strips on both sides of a body that turn less are one straight strip (sine)
+_STRAIGHT = 0.02
+# a bend is as thick as its strips within this part, and so many times longer at most
+_UNEVEN, _LONGEST = 0.1, 40.0
+# a contour that turns less has no corner (sine)
+_BLUNT = 0.1
 
 _Pair = tuple[float, float]
 
@@ -96,8 +102,9 @@ def root_widths(stage: Stage, hinge: Hinge) -> tuple[float, float]:
 def root_reaches(stage: Stage, hinge: Hinge) -> tuple[float, float]:
     """Return how far the roots of a hinge reach into its two bodies, in heights of the root [1].
 
-    It is `flexstage.hinges.hinge_spring.ROOT_REACH`, but in a corner of a bent strip, a body whose
-    two adjacent edges are roots from end to end: the hinges on both meet in the middle of it.
+    It is `flexstage.hinges.hinge_spring.ROOT_REACH`, but in a corner of a bent strip, a body two of
+    whose edges are roots from end to end. Where these meet, both hinges reach to where their middle
+    lines cross; in a bend as thick as the strip they share its length.
     """
     return _root_reach(stage, hinge, 0), _root_reach(stage, hinge, 1)
 
@@ -106,14 +113,55 @@ def _root_reach(stage: Stage, hinge: Hinge, which: int) -> float:
     root = hinge_root(stage, hinge, which)
     if not _fills(root):
         return ROOT_REACH
+    height = math.dist(*root.ends)
     for other in stage.hinges:
         if other.name == hinge.name or root.body not in other.bodies:
             continue
         around = hinge_root(stage, other, other.bodies.index(root.body))
+        if not _fills(around):
+            continue
         apart = min(math.dist(p, q) for p in root.edge for q in around.edge)
-        if _fills(around) and apart <= TOLERANCE:
-            return 0.5 * math.dist(*around.edge) / math.dist(*root.ends)
+        if apart <= TOLERANCE:
+            return _to_crossing(root, around) / height
+        bend = _bend_length(stage.body(root.body), root, around)
+        if bend is not None:
+            return 0.5 * bend / height
     return ROOT_REACH
+
+
+def _normal(root: Root) -> _Pair:
+    """Return the direction of a hinge at its root, from body a to body b."""
+    (ax, ay), (bx, by) = root.ends
+    length = math.dist(*root.ends)
+    return (by - ay) / length, (ax - bx) / length
+
+
+def _to_crossing(root: Root, other: Root) -> float:
+    """Return the distance of a root from where the middle lines of both cross [m]."""
+    (ux, uy), (vx, vy) = _normal(root), _normal(other)
+    (ax, ay), (bx, by) = root.ends
+    (cx, cy), (dx, dy) = other.ends
+    px, py = 0.5 * (cx + dx - ax - bx), 0.5 * (cy + dy - ay - by)
+    return abs((px * vy - py * vx) / (ux * vy - uy * vx))
+
+
+def _bend_length(body: Body, root: Root, other: Root) -> float | None:
+    """Return the length of a body that continues around a bend as a strip [m]; None if it does not.
+
+    The two long sides of a strip are as long together as twice its area over its thickness.
+    """
+    (ux, uy), (vx, vy) = _normal(root), _normal(other)
+    (ax, ay), (bx, by) = root.ends
+    (cx, cy), (dx, dy) = other.ends
+    px, py = 0.5 * (cx + dx - ax - bx), 0.5 * (cy + dy - ay - by)
+    straight = abs(ux * vy - uy * vx) < _STRAIGHT and abs(px * uy - py * ux) <= TOLERANCE
+    if straight or body.holes or body.mounting_holes:
+        return None
+    thickness = 0.5 * (math.dist(*root.ends) + math.dist(*other.ends))
+    length = abs(body.outline.integrals().area) / thickness
+    sides = sum(Curve(*s).length for s in body.outline.segments()) - 2.0 * thickness
+    uniform = abs(sides - 2.0 * length) <= _UNEVEN * sides
+    return length if uniform and length <= _LONGEST * thickness else None
 
 
 def _fills(root: Root) -> bool:
@@ -318,6 +366,45 @@ def short_halves(stage: Stage) -> dict[str, float]:
     others = {body.name for body in stage.other_bodies}
     shares = {h.name: share_to_root(h.profile) for h in stage.hinges if others & {*h.bodies}}
     return {name: share for name, share in shares.items() if share < STRAINED}
+
+
+def has_sharp_root(stage: Stage, hinge: Hinge) -> bool:
+    """Return whether a hinge ends in a corner without a radius, where it is thin.
+
+    In linear elasticity the stress there has no bound. A step counts if it begins within half of
+    the thickness of the neck; without a step, the contour of the bodies decides.
+    """
+    profile = hinge.profile
+    if profile.depth > 0.0:
+        return 0.0 < profile.step >= profile.depth - 0.5 * profile.neck_thickness
+    return _turns_out(stage, hinge, 0) or _turns_out(stage, hinge, 1)
+
+
+def _turns_out(stage: Stage, hinge: Hinge, which: int) -> bool:
+    """Return whether the contour turns outward where a hinge without a step ends."""
+    root = hinge_root(stage, hinge, which)
+    if not _fills(root):
+        return True
+    # another strip around a corner begins where this one ends
+    others = (h for h in stage.hinges if h.name != hinge.name and root.body in h.bodies)
+    around = [p for h in others for p in hinge_root(stage, h, h.bodies.index(root.body)).ends]
+    if any(math.dist(p, q) <= TOLERANCE for p in root.ends for q in around):
+        return True
+    for end, other in (root.ends, root.ends[::-1]):
+        ux, uy = Curve(other, end).direction(0.0)
+        leaving = _leaving(stage.body(root.body), end)
+        if any(x * ux + y * uy > _BLUNT for x, y in leaving):
+            return True
+    return False
+
+
+def _leaving(body: Body, corner: _Pair) -> Iterator[_Pair]:
+    """Yield the two directions in which the contour of a body leaves one of its corners."""
+    for loop in (body.outline, *(hole for hole in body.holes if isinstance(hole, Loop))):
+        for start, end, bulge in loop.segments():
+            for curve in (Curve(start, end, bulge), Curve(end, start, -bulge)):
+                if math.dist(curve.start, corner) <= TOLERANCE:
+                    yield curve.direction(0.0)
 
 
 def _steep_from(a: Vertex, b: Vertex) -> float | None:

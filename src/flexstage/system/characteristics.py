@@ -14,6 +14,7 @@ from flexstage.quantities.characteristic import WHOLE_STAGE, Characteristic
 from flexstage.quantities.material import Material
 from flexstage.quantities.quantity import QUANTITIES, number
 from flexstage.stage import Force, PiezoStack, Stage, mass_properties
+from flexstage.stage.contour import has_sharp_root
 from flexstage.stage.mass import outer_size
 from flexstage.system.coupled_axes import MOST_DRIVES, CoupledAxes, coupled_axes
 from flexstage.system.figure_source import AxisMeasures, axis_figures, axis_quantity, stress_figures
@@ -165,6 +166,8 @@ SAME_FREQUENCY = 1e-3
 AS_MUCH = 1e-3
 # relative scatter of a largest stress, read at points of a mesh, from mesh to mesh [1].
 _AT_POINTS = 1e-2
+#: End of the note on a stress that grows with the mesh without a limit, and on its factors.
+NO_LIMIT = "not converged at a sharp root"
 #: Number of modes among which that of an axis is selected.
 MODES_SEARCHED = 12
 
@@ -260,7 +263,11 @@ def axis_characteristics(
     which = "mode" if same_frequency.sum() == 1 else f"the {same_frequency.sum()} modes like"
     notes = {
         **_motion_notes(system, axis, alone=coupled is None),
-        **_stress_notes(stage.material, f"hinge '{hinge}', {_over(coupled)}"),
+        **_stress_notes(
+            stage.material,
+            f"hinge '{hinge}', {_over(coupled)}",
+            _has_no_limit(stage, system, hinge),
+        ),
         "natural_frequency_hz": f"mode {mode + 1}, "
         + ("without stack (drives removed)" if both else "drives removed"),
         axis_quantity(
@@ -269,8 +276,9 @@ def axis_characteristics(
         "probe",
     }
     for quantity, value in axis_figures(system, axis, stage.material, measures):
-        scatter = _scatter(axis, hinge) if quantity == "max_stress" else None
-        add(quantity, value(), notes[quantity], scatter)
+        note = notes[quantity]
+        known = quantity == "max_stress" and NO_LIMIT not in note
+        add(quantity, value(), note, _scatter(axis, hinge) if known else None)
         frequency = quantity == "natural_frequency_hz"
         if frequency and both and in_place is not None and in_place.frequency_hz.size:
             driven = axis_mode(system, in_place, static.drive_force, axis.probe)
@@ -335,6 +343,12 @@ def _over(coupled: CoupledAxes | None) -> str:
     if coupled is None:
         return "full stroke"
     return "change over the stroke (the stage has the largest stress)"
+
+
+def _has_no_limit(stage: Stage, system: MechanicalSystem, hinge: str) -> bool:
+    """Return whether the stress of a hinge has no limit that finer meshes come to."""
+    on_mesh = system.stress is not None and system.stress.point is not None
+    return on_mesh and any(h.name == hinge and has_sharp_root(stage, h) for h in stage.hinges)
 
 
 def _scatter(axis: AxisAnalysis, hinge: str) -> float | None:
@@ -415,9 +429,9 @@ class _Rows:
             )
         )
 
-    def stress(self, material: Material, stress: float, where: str) -> None:
+    def stress(self, material: Material, stress: float, where: str, no_limit: bool) -> None:
         """Add a largest stress, and its safety factors against yield and fatigue."""
-        notes = _stress_notes(material, where)
+        notes = _stress_notes(material, where, no_limit)
         strength = partial(_strength, material)
         for quantity, value in stress_figures(material, strength, lambda: stress, stress > 0.0):
             self(quantity, value(), notes[quantity])
@@ -427,18 +441,19 @@ def _strength(material: Material, which: int) -> float | None:
     return pulsating_limit(material) if which else material.yield_strength
 
 
-def _stress_notes(material: Material, where: str) -> dict[str, str]:
-    """Return the notes on a largest stress and its safety factors.
+def _stress_notes(material: Material, where: str, no_limit: bool) -> dict[str, str]:
+    """Return the notes on a largest stress, which may have no limit, and its safety factors.
 
     Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the stress as
     its mean and half as its amplitude: 1/n = sigma_a/sigma_f + sigma_m/sigma_y.
     """
     cycles = f", {material.fatigue_cycles:.0e} cycles" if material.fatigue_cycles else ""
-    return {
+    notes = {
         "max_stress": f"equivalent stress at {where}",
         "safety_factor": "against yield",
         "fatigue_safety": f"pulsating load, zero to full stroke, Soderberg line{cycles}",
     }
+    return {name: f"{note}; {NO_LIMIT}" if no_limit else note for name, note in notes.items()}
 
 
 def scatter_at_points(row: Characteristic) -> float:
@@ -524,9 +539,9 @@ def stage_characteristics(
         add("isotropy", coupling.isotropy, scaled)
     if coupling.coupled and (stress := stress_anywhere(system, coupling)):
         worst = max(stress, key=lambda hinge: stress[hinge])
-        add.stress(
-            stage.material, stress[worst], f"hinge '{worst}', drives anywhere within their strokes"
-        )
+        where = f"hinge '{worst}', drives anywhere within their strokes"
+        no_limit = _has_no_limit(stage, system, worst)
+        add.stress(stage.material, stress[worst], where, no_limit)
     reached = coupling.workspace
     if reached is not None:
         over = _Rows(model, "".join(reached.axes[:2]))

@@ -9,6 +9,7 @@ from flexstage.base.errors import StageError
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import DrawnContour, DrawnPart
 from flexstage.stage.drawing.profiles import Neck, neck_of, parted
+from flexstage.stage.drawing.strips import strips_of
 from flexstage.stage.drawing.strokes import SAME, Pair, rounded
 from flexstage.stage.drawing.thickness import Pass, Relief, relief
 from flexstage.stage.outline import Circle, Loop
@@ -35,24 +36,30 @@ def find_necks(
     thin_places = relief(part)
     passes = _select_necks(part, thin_places, limit)
     necks = []
+    cut: set[tuple[int, int]] = set()
     for each in passes:
-        neck = neck_of(part, each)
+        strips = strips_of(part, each, limit)
+        if len(strips) > 1:
+            # another thin place may lie in the same strip
+            necks += [n for n in strips if not cut & _strokes(n)]
+            cut |= set().union(*map(_strokes, strips))
+            continue
+        neck = neck_of(part, each) or (strips[0] if strips else None)
         if neck is None:
             x, y = each.sides[0].at
             raise StageError(
                 f"the neck about {part.place((x, y))}, {each.thickness * 1e3:.4g} mm thick, "
                 "matches no hinge profile: both halves must be equal, and both sides equal or "
-                "one of them straight; correct the drawing there, exclude the neck by "
-                "--contours neck_limit=LENGTH below its thickness, or, where a strip continues "
-                "around corners, write it into a stage file as leaves with 'notch_depth: 0'"
+                "one of them straight, or parallel over more than twice the thickness; correct "
+                "the drawing there, or exclude the neck by --contours neck_limit=LENGTH below its "
+                "thickness"
             )
         necks.append(neck)
     if not necks and limit is not None and thin_places.passes:
         thinnest = min(p.thickness for p in thin_places.passes)
         raise StageError(
             f"the drawing contains no neck below neck_limit, {limit * 1e3:.4g} mm: its thinnest "
-            f"place is {thinnest * 1e3:.4g} mm thick; give a limit above that, or write strips "
-            "that continue around corners into a stage file as leaves with 'notch_depth: 0'"
+            f"place is {thinnest * 1e3:.4g} mm thick; give a limit above that"
         )
     if not necks:
         raise StageError(
@@ -63,6 +70,11 @@ def find_necks(
     thickest = max(n.profile.neck_thickness for n in necks)
     others = [p.thickness for p in thin_places.passes if p not in passes and p.thickness > thickest]
     return parted(necks), (thickest, min(others)) if others else None
+
+
+def _strokes(neck: Neck) -> set[tuple[int, int]]:
+    """Return contour and piece of both sides of a neck."""
+    return {(p.contour, p.stroke) for p in (neck.sides.right, neck.sides.left)}
 
 
 def _select_necks(part: DrawnPart, thin_places: Relief, limit: float | None) -> list[Pass]:

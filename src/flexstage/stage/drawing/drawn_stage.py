@@ -89,7 +89,7 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
     -----
     Validity: necks are at least 1.5 times thinner than the bodies next to them, or as thin as
     `ContourOptions.neck_limit`; profiles are within 0.5 um of the drawn contour, or twice the
-    rounding of a file with few digits.
+    rounding of a file with few digits. Strips around corners are leaves with a body in each corner.
 
     Examples
     --------

@@ -71,8 +71,7 @@ class Neck(NamedTuple):
 
 def neck_of(part: DrawnPart, thin_place: Pass) -> Neck | None:
     """Return the neck at a thin place; None where it matches no hinge profile."""
-    first, second = thin_place.sides
-    sides = Sides(part, _settled(part, first, second.at), _settled(part, second, first.at))
+    sides = settled_sides(part, thin_place)
     for proposed in (_by_pieces, smooth_fits, free_contour):
         best: Neck | None = None
         for turned, frame, profile in proposed(sides):
@@ -86,6 +85,12 @@ def neck_of(part: DrawnPart, thin_place: Pass) -> Neck | None:
         if best is not None:
             return _rounded(best)
     return None
+
+
+def settled_sides(part: DrawnPart, thin_place: Pass) -> Sides:
+    """Return the sides of a thin place, by the pieces of its contours that run along it."""
+    first, second = thin_place.sides
+    return Sides(part, _settled(part, first, second.at), _settled(part, second, first.at))
 
 
 def _rounded(neck: Neck) -> Neck:
