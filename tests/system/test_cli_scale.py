@@ -10,13 +10,13 @@ import pytest
 from flexstage.base.errors import ModelError
 from flexstage.centring import ARCSEC
 from flexstage.centring.error_budget import allowed_eccentricity
-from flexstage.centring.table_file import RotaryTable, table_from_text
+from flexstage.centring.table_file import RotaryTable, read_table, table_from_text
 from flexstage.cli import main
 from flexstage.stage.designs import StageTemplate, design
 from flexstage.studies.explore.prepare import problem_of
 from flexstage.studies.explore.requests import OptimiseRequest
 from flexstage.studies.requests import ScaleRequest
-from flexstage.studies.scale import study_scale
+from flexstage.studies.scale import needs_as_constraints, study_scale
 from flexstage.studies.settings import RATIO_UNCERTAINTY, move_settings
 from flexstage.virtual.as_built import loop_share
 
@@ -84,6 +84,13 @@ def test_needs_are_constraints_of_an_optimisation(tmp_path: Path) -> None:
     plain = problem_of(OptimiseRequest(minimise=("mass",)), template)
     new = kept - {r.figure.name for r in plain.requirements}
     assert {"resolution.x", "resolution.y", "thickness"} <= new
+    # a stack of 50 N/um that gives way by a tenth
+    described = design("vgtu-piezo")
+    limits = {
+        text.split()[0]: text for _, text in needs_as_constraints(read_table(path), described)
+    }
+    assert float(limits["input_stiffness.x"].split()[2]) == pytest.approx(50e6 / 9.0)
+    assert float(limits["output_displacement.x"].split()[2]) == pytest.approx(100e-6 / 0.9)
 
 
 def test_settings_move_the_scale_onto_the_axis() -> None:

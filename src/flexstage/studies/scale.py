@@ -29,6 +29,8 @@ from flexstage.system import Analysis
 #: Share of the allowed eccentricity that steps of the two axes together, and forces of rotation,
 #: may take.
 STEP_SHARE, ROTATION_SHARE = 0.5, 0.1
+#: Share of its stroke by which an elastic drive may give way to an optimised stage.
+_GIVEN_WAY = 0.1
 #: Axes of a stage that moves a scale in its plane.
 _PLANAR = {"x", "y"}
 
@@ -270,16 +272,30 @@ _FIGURES = {
 }
 
 
-def needs_as_constraints(table: RotaryTable) -> Iterator[tuple[str, str]]:
-    """Return the needs of a table as figures and constraints of an optimisation.
+def needs_as_constraints(table: RotaryTable, stage: Stage) -> Iterator[tuple[str, str]]:
+    """Return the needs of a table as figures and constraints of an optimisation of a stage.
 
-    Width and height within the diameter of the circle do not yet put the corners inside it.
+    An elastic drive may give way by a tenth of its stroke, which is added to the stroke. Width and
+    height within the diameter of the circle do not yet put the corners inside it.
     """
     for need in common_needs(table, allowed_eccentricity(table)):
         for quantity in _FIGURES.get(need.what, ()):
             sign = ">=" if need.least else "<="
-            for end in (".x", ".y") if need.axis else ("",):
-                yield quantity, f"{quantity}{end} {sign} {need.limit!r} {need.unit}"
+            for axis in ("x", "y") if need.axis else ("",):
+                limit = need.limit
+                spring = _spring(stage, axis) if need.what == "stroke" else None
+                if spring:
+                    limit /= 1.0 - _GIVEN_WAY
+                    most = spring * _GIVEN_WAY / (1.0 - _GIVEN_WAY)
+                    yield "input_stiffness", f"input_stiffness.{axis} <= {most!r} N/m"
+                end = f".{axis}" if axis else ""
+                yield quantity, f"{quantity}{end} {sign} {limit!r} {need.unit}"
+
+
+def _spring(stage: Stage, axis: str) -> float | None:
+    """Return the stiffness of the single drive of an axis [N/m]; None if it is rigid."""
+    drives = {a.name: a.drive for a in stage.axes}
+    return None if drives.get(axis) is None else stage.drive_of(axis).mounted.stiffness
 
 
 def judge(table: RotaryTable, allowed: float, analysis: Analysis) -> JudgedStage:
@@ -325,9 +341,9 @@ def _stroke(stage: Stage, figures: dict[tuple[str, str], float], axis: str) -> f
     if working is not None:
         return abs(working)
     stroke = figures.get(("output_displacement", axis))
-    if stroke is None or stage.axis(axis).drive is None:
-        return None if stroke is None else abs(stroke)
-    spring = stage.drive_of(axis).mounted.stiffness
+    if stroke is None:
+        return None
+    spring = _spring(stage, axis)
     share = spring / (spring + figures["input_stiffness", axis]) if spring else 1.0
     return share * abs(stroke)
 

@@ -142,7 +142,9 @@ def problem_of(request: OptimiseRequest, template: StageTemplate) -> Problem:
         raise ModelError(
             "--match cannot be combined with a goal: use --keep for a constraint on a goal"
         )
-    constraints = requirements_of((*request.keep, *_needs_of(request.for_, known)), known)
+    constraints = requirements_of(
+        (*request.keep, *_needs_of(request.for_, described, known)), known
+    )
     targets: tuple[Requirement, ...] = ()
     for target in request.match:
         targets += _targets(target, described, known)
@@ -169,7 +171,7 @@ def _first_goal(known: dict[tuple[str, str], float]) -> str:
     return next((f.name for f in figures if f.quantity == "natural_frequency_hz"), "mass")
 
 
-def _needs_of(path: str | None, known: Iterable[tuple[str, str]]) -> list[str]:
+def _needs_of(path: str | None, stage: Stage, known: Iterable[tuple[str, str]]) -> list[str]:
     """Return the needs of a rotary table that are figures of a stage, as constraints."""
     if path is None:
         return []
@@ -177,7 +179,7 @@ def _needs_of(path: str | None, known: Iterable[tuple[str, str]]) -> list[str]:
     from flexstage.studies.scale import needs_as_constraints
 
     names = {quantity for quantity, _ in known}
-    return [text for name, text in needs_as_constraints(read_table(path)) if name in names]
+    return [text for name, text in needs_as_constraints(read_table(path), stage) if name in names]
 
 
 def _targets(text: str | Requirement, described: Any, known: Any) -> tuple[Requirement, ...]:
