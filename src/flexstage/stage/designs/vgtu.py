@@ -363,7 +363,6 @@ def _stored_ranges(name: str) -> PredictedRanges:
         source=(
             f"Ranges at 95 %: {stored['command']}, {stored['created'][:10]}. The geometry is "
             f"fitted: {len(stored['given'])} published finite-element figures inform "
-            f"{stored['informed']:.1f} of {stored['dimensions']} dimensions, known to 20 % before. "
-            "Drives removed."
+            f"{stored['informed']:.1f} of {stored['dimensions']} dimensions, known to 20 % before."
         ),
     )
