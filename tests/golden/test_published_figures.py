@@ -1,15 +1,25 @@
 """Both stages carry every figure that the study prints about them, as it is printed."""
 
+import json
+import math
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
+from flexstage.base.provenance import provenance
 from flexstage.stage import PiezoStack, Screw, Stage
-from flexstage.stage.designs import design
+from flexstage.stage.designs import StageTemplate, design
+from flexstage.stage.designs.vgtu import IDEAL_SEATS, RANGES_PATH, predicted_ranges
+from flexstage.studies.models import analyse_model
+from scripts.predicted import ensembles, summary
 from tests.reference_stages import REFERENCE
+
+ROOT = Path(__file__).parents[2]
 
 #: Key in the file: quantity, and SI units per printed unit.
 ROWS = {
@@ -188,3 +198,74 @@ def test_what_the_study_misprints_is_named_by_what_its_own_figures_give(stage: s
             other = rows[against[said[1]], quantity, axis].value
             assert 100.0 * (1.0 - row.value / other) == pytest.approx(float(said[2]), abs=0.005)
     assert named == (2 if stage == "vgtu-mechanical" else 1)
+
+
+@pytest.fixture(scope="module")
+def stored() -> dict[str, Any]:
+    return json.loads(RANGES_PATH.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", ["vgtu-mechanical", "vgtu-piezo"])
+def test_stored_ranges_are_of_the_described_stage(stored: dict[str, Any], name: str) -> None:
+    """Another geometry needs `python scripts/predicted.py`."""
+    assert stored[name]["input_hash"] == provenance(StageTemplate.of(name)).input_hash
+    found = predicted_ranges(design(name))
+    assert found is not None
+    assert "The geometry is fitted: 6 published finite-element figures" in found.source
+    for row in stored[name]["figures"].values():
+        assert row["low"] < row["described"] < row["high"]
+    # a thickness that nothing informs keeps what is known before, log-normal by 20 %
+    low, high = found.values["thickness", "stage"]
+    assert math.log(high / low) == pytest.approx(2 * 1.96 * 0.5 * math.log(1.2 / 0.8), rel=0.03)
+    # of the first mode each figure of one axis is known as well as it is given, and no better
+    low, high = found.values["natural_frequency_hz", "x"]
+    assert math.log(high / low) == pytest.approx(2 * 1.96 * 0.005, rel=0.03)
+    assert predicted_ranges(StageTemplate.of(name, {"thickness": "9 mm"}).stage()) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["vgtu-mechanical", "vgtu-piezo"])
+def test_stored_figures_are_what_the_model_computes(stored: dict[str, Any], name: str) -> None:
+    rows = analyse_model(design(name), stored[name]["model"]).characteristics
+    values = {(r.quantity, r.axis): r.value for r in rows}
+    for row in stored[name]["figures"].values():
+        if row["quantity"] != IDEAL_SEATS:
+            there = values[row["quantity"], row["axis"]]
+            assert there == pytest.approx(row["described"], rel=2e-3), row
+
+
+@pytest.mark.evidence
+def test_stored_ranges_are_what_the_command_writes(stored: dict[str, Any]) -> None:
+    for name, ensemble in ensembles().items():
+        for key, row in summary(ensemble)["figures"].items():
+            ends = [row["low"], row["high"]]
+            said = [stored[name]["figures"][key][end] for end in ("low", "high")]
+            np.testing.assert_allclose(said, ends, atol=0.01 * abs(ends[1] - ends[0]))
+
+
+def test_readme_and_manual_state_the_stored_ranges() -> None:
+    """Motion across is coupling times stroke, of either sign; a range of it has two decimals."""
+    page = (ROOT / "docs" / "explanation" / "verification.md").read_text(encoding="utf-8")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"motion across, µm \(.*95 %: (.*?)\)", readme)
+    (across,) = re.findall(r"\| motion across, µm \| (.*?) \| (.*?) \|", page)
+    (turned,) = re.findall(r"\| rotation, µrad \| (.*?) \| (.*?) \|", page)
+    (drift,) = re.findall(r"\| drift, nm/K \| (.*?) \| (.*?) \|", page)
+    assert line == across[0]
+    for k, name in enumerate(("vgtu-piezo", "vgtu-mechanical")):
+        ranges = predicted_ranges(design(name))
+        assert ranges is not None
+        fem = {r.axis: r.value for r in design(name).published if r.origin == "published-fem"
+               and r.quantity == "output_displacement"}  # fmt: skip
+        for quantity, texts, least in (
+            ("cross_coupling", across, 0.006),
+            ("parasitic_rotation", turned, 0.6),
+            ("thermal_drift", drift, 6.0),
+        ):
+            for axis, text in zip("xy", texts[k].split(" / "), strict=True):
+                factor = {"cross_coupling": 1e6 * fem[axis], "parasitic_rotation": 1e6}
+                ends = [factor.get(quantity, 1e9) * v for v in ranges.values[quantity, axis]]
+                if quantity == "cross_coupling" and sum(ends) < 0.0:
+                    ends = [-end for end in ends[::-1]]
+                said = [float(v.replace("−", "-")) for v in text.split(" to ")]
+                np.testing.assert_allclose(said, ends, atol=least)

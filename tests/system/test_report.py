@@ -17,6 +17,7 @@ from flexstage.experiments.verbs.identify import IdentifiedStep
 from flexstage.files.write import write_files
 from flexstage.hinges import Leaf
 from flexstage.quantities.material import material
+from flexstage.quantities.quantity import QUANTITIES as QUANTITY_NAMES
 from flexstage.quantities.quantity import display
 from flexstage.report import report_html
 from flexstage.report.figures.body_motion import draw_static_shape, draw_stroke, mode_motion
@@ -27,7 +28,9 @@ from flexstage.report.figures.style import FORMATS, encode, inline_svg
 from flexstage.report.figures.tracking import draw_drive_fit
 from flexstage.report.findings import summary
 from flexstage.report.study import CHAPTERS, SECTIONS
+from flexstage.report.tables import characteristics_table
 from flexstage.stage.designs import design
+from flexstage.stage.designs.vgtu import IDEAL_SEATS, predicted_ranges
 from flexstage.stage.mass import mass_properties
 from flexstage.studies import Study, results_json, run_study
 from flexstage.system import Analysis, modes
@@ -138,6 +141,30 @@ def test_the_page_says_that_the_stage_is_a_reconstruction(study: Study, page: st
     assert "reconstruction" in head
     for text in (study.main.provenance.input_hash, study.main.provenance.version):
         assert text in page
+
+
+def test_predictions_say_that_the_geometry_is_fitted_and_show_their_range(
+    study: Study, page: str
+) -> None:
+    ranges = predicted_ranges(study.stage)
+    assert ranges is not None
+    table = characteristics_table(study.comparison, set(QUANTITY_NAMES), "", ranges)
+    assert table is not None
+    place = [column.heading for column in table.columns].index("kind")
+    cells = {(line[0].text.split(" [")[0], line[1].text): line[place] for line in table.rows}
+    low, high = ranges.values["input_stiffness", "x"]
+    kind = cells["Input stiffness", "x"]
+    assert kind.text == "predicted, geometry fitted"
+    assert kind.small == f"95 %: {1e-6 * low:.2f} to {1e-6 * high:.2f}"
+    assert not cells["Natural frequency", "x"].small
+    assert not any(c.text == "predicted" for c in cells.values())
+    assert ranges.source in table.notes
+    said = html.unescape(words(page)).replace("\u00a0", " ")
+    assert "flexstage reconstruct vgtu-piezo --members 0" in said
+    on_seats = "/".join(f"{v:.0f}" for v in ranges.values[IDEAL_SEATS, "x"]).replace("/", " to ")
+    assert f"on ideal seats (geometry fitted, 95 %: {on_seats} Hz)" in said
+    # and a stage that is only based on one has no range
+    assert predicted_ranges(replace(study.stage, published=())) is None
 
 
 def test_numbers_of_the_table_are_those_of_the_results(study: Study, page: str) -> None:

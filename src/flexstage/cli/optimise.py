@@ -12,10 +12,8 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
-    console,
-    display_table,
-    print_notes,
     print_result,
+    print_tables,
     progress_bar,
     write_folder,
     write_picture,
@@ -77,9 +75,6 @@ def optimise(
     if json:
         print_result(result.to_dict(), files)
     else:
-        screen = console()
-        for table in tables:
-            display_table(screen, table)
-        print_notes(screen, notes, files)
+        print_tables(tables, notes, files)
     if not best.met:  # a requirement is missed
         raise typer.Exit(1)

@@ -91,6 +91,16 @@ def print_notes(
         screen.print(f"wrote {file}", markup=False, soft_wrap=True)
 
 
+def print_tables(
+    tables: "Iterable[Table]", notes: "Iterable[str]", files: "Iterable[object]" = ()
+) -> None:
+    """Print tables, notes, and the files that were written."""
+    screen = console()
+    for table in tables:
+        display_table(screen, table)
+    print_notes(screen, notes, files)
+
+
 @contextmanager
 def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
     """Show the progress of the work in this block on standard error.

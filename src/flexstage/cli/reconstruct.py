@@ -6,10 +6,8 @@ from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
-    console,
-    display_table,
-    print_notes,
     print_result,
+    print_tables,
     progress_bar,
     write_folder,
     write_picture,
@@ -59,10 +57,7 @@ def reconstruct(
     if json:
         print_result(ensemble.to_dict(), files)
         return
-    screen = console()
-    for table in ensemble_tables(ensemble):
-        display_table(screen, table)
-    print_notes(screen, ensemble_notes(ensemble), _listed(files))
+    print_tables(ensemble_tables(ensemble), ensemble_notes(ensemble), _listed(files))
 
 
 def _members_in(folder: Path | None) -> list[Path]:

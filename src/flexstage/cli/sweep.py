@@ -12,10 +12,8 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
-    console,
-    display_table,
-    print_notes,
     print_result,
+    print_tables,
     progress_bar,
     write_picture,
 )
@@ -62,10 +60,7 @@ def sweep(
         return
     from flexstage.report.sweep import sweep_notes, sweep_tables
 
-    screen = console()
-    for table in sweep_tables(result):
-        display_table(screen, table)
-    print_notes(screen, (*sweep_notes(result), *notes), files)
+    print_tables(sweep_tables(result), (*sweep_notes(result), *notes), files)
 
 
 def _write_files(

@@ -27,9 +27,8 @@ from flexstage.stage import (
     Probe,
     Stage,
     mass_properties,
-    root_widths,
 )
-from flexstage.stage.contour import root_reaches
+from flexstage.stage.contour import hinge_root, root_reach
 from flexstage.system import Damping, MechanicalSystem
 from flexstage.system.mechanical import (
     DEFAULT_DAMPING,
@@ -202,9 +201,11 @@ def _springs(
     for hinge in stage.hinges:
         roots, reaches = None, (ROOT_REACH, ROOT_REACH)
         if method in WITH_ROOTS:
-            roots, reaches = root_widths(stage, hinge), root_reaches(stage, hinge)
-        a, b = (others.get(name, elastic) for name in hinge.bodies)
-        bodies = None if a == b == elastic or roots is None else (a, b)
+            a, b = hinge_root(stage, hinge, 0), hinge_root(stage, hinge, 1)
+            roots = a.width, b.width
+            reaches = root_reach(stage, hinge, a), root_reach(stage, hinge, b)
+        of_a, of_b = (others.get(name, elastic) for name in hinge.bodies)
+        bodies = None if of_a == of_b == elastic or roots is None else (of_a, of_b)
         notch = cached_compliance(
             hinge.profile, elastic, stage.thickness, method, plane, roots, bodies, reaches
         )

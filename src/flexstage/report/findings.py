@@ -20,7 +20,8 @@ from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.tracking import draw_loop
 from flexstage.report.implied_seats import seat_sentences
-from flexstage.report.tables import MANUFACTURE, percent
+from flexstage.report.tables import MANUFACTURE, kind_cell, percent
+from flexstage.stage.designs.vgtu import predicted_ranges
 from flexstage.studies.measurement import MeasurementComparison
 
 if TYPE_CHECKING:
@@ -191,7 +192,7 @@ def _curves(study: "Study") -> Iterator[Picture]:
 
 def _main_figures(study: "Study") -> Table | None:
     """Return the first table: main figures, published and computed, with differences."""
-    model = best_model(study)
+    model, ranges = best_model(study), predicted_ranges(study.stage)
     published = [c for c in _PUBLISHED_TITLES if c in study.comparison.published]
     quantities = _MAIN if published else (*_MAIN, "safety_factor")
     displayed = [
@@ -217,7 +218,7 @@ def _main_figures(study: "Study") -> Table | None:
             mark = " †" if misprinted else ""
             references.append(f"{row.cells[c].text(unit)}{mark}" if c in row.cells else "–")
         computed = Cell(cell.text(unit), mark="ours", failing=cell.failing)
-        kind = [row.computed_kind] if published else []
+        kind = [kind_cell(row, unit, ranges)] if published else []
         differences = (percent(row.difference_percent(model, c)) or "–" for c in compared)
         rows.append((unit.heading, row.axis, *references, computed, *kind, *differences))
     misprints = [m for axis in study.stage.axes if (m := _misprint(study, _FEM, axis.name))]
@@ -227,6 +228,8 @@ def _main_figures(study: "Study") -> Table | None:
             " A figure that was fitted to a published one has no difference from it; that from a "
             f"measured one, to which it was not fitted, is the error of a prediction.{foot}"
         )
+    if ranges and any(isinstance(c, Cell) and c.small for line in rows for c in line):
+        foot += f" {ranges.source}"
     return table(f"Main figures of the stage.{foot}", heads, rows) if rows else None
 
 
@@ -478,13 +481,19 @@ def stress(study: "Study") -> str:
 
 def measured(study: "Study") -> str:
     """Return the measured strokes and frequencies, of this study and published."""
-    best = best_model(study)
+    best, ranges = best_model(study), predicted_ranges(study.stage)
+
+    def predicted(row: ComparisonRow, origin: str) -> str:
+        error = percent(row.difference_percent(best, origin)) or "none"
+        text = ranges.text(row.quantity, row.axis, display(row.quantity).factor) if ranges else ""
+        return f"(prediction {error}{text and f'; geometry fitted, 95 %: {text}'})"
+
     parts = []
     for origin, title in (("measured", "Measured here"), ("published-measured", "Published")):
         values = [
             f"{display(row.quantity).label.lower()} of {row.axis} "
             f"{row.cells[origin].text(display(row.quantity))} {display(row.quantity).shown_unit} "
-            f"(prediction {percent(row.difference_percent(best, origin)) or 'none'})"
+            f"{predicted(row, origin)}"
             for row in study.comparison.rows
             if row.quantity in ("output_displacement", "natural_frequency_hz")
             and origin in row.cells

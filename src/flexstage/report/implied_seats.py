@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from flexstage.quantities.quantity import number
 from flexstage.stage import PiezoStack
+from flexstage.stage.designs.vgtu import IDEAL_SEATS, predicted_ranges
 from flexstage.system.implied_seat import STROKE_TOLERANCE, ImpliedSeat, implied_seat
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ _MEASURED = "published-measured"
 def seat_sentences(analysis: "Analysis") -> tuple[str, ...]:
     """Return a sentence on each axis that one stack moves and whose measured frequency is known."""
     stage, sentences = analysis.stage, []
+    ranges = predicted_ranges(stage)
     stacks = {d.name for d in stage.drives if isinstance(d, PiezoStack)}
     published = {(r.quantity, r.axis): r for r in stage.published if r.origin == _MEASURED}
     for axis in analysis.axes:
@@ -29,15 +31,17 @@ def seat_sentences(analysis: "Analysis") -> tuple[str, ...]:
             frequency.estimate,
             measured_stroke=None if stroke is None else stroke.value,
         )
-        sentences.append(_sentence(seat))
+        expected = ranges.text(IDEAL_SEATS, axis.axis, 1.0) if ranges else ""
+        sentences.append(_sentence(seat, expected))
     return tuple(sentences)
 
 
-def _sentence(seat: ImpliedSeat) -> str:
+def _sentence(seat: ImpliedSeat, expected: str) -> str:
+    """Return the sentence; `expected` is the range of the frequency on ideal seats, if known."""
     parts = [
         f"Seat of stack {seat.drive}: measured {seat.measured_hz:.10g} Hz in {seat.axis}, computed "
         f"{number(seat.bare_hz)} Hz without its stiffness and {number(seat.ideal_hz)} Hz on ideal "
-        "seats",
+        f"seats{expected and f' (geometry fitted, 95 %: {expected} Hz)'}",
         _stiffness(seat),
     ]
     if seat.least_stroke_stiffness is not None:

@@ -43,6 +43,7 @@ from flexstage.report.tables import (
     published_table,
 )
 from flexstage.report.traditional import assumption_section, drift_section, motion_error_section
+from flexstage.stage.designs.vgtu import predicted_ranges
 from flexstage.studies.measurement import MeasurementComparison
 from flexstage.studies.results import results_json
 from flexstage.studies.study import Study
@@ -133,13 +134,18 @@ def _drawing(study: Study) -> Iterator[Content]:
 
 def _by_model(quantities: Collection[str], caption: str) -> _Show:
     """Return the content of a section with quantities by all models."""
-    return lambda study: (characteristics_table(study.comparison, quantities, caption),)
+
+    def show(study: Study) -> Iterator[Content | None]:
+        ranges = predicted_ranges(study.stage)
+        yield characteristics_table(study.comparison, quantities, caption, ranges)
+
+    return show
 
 
 def _against(study: Study) -> Iterator[Content | None]:
     for model, why in study.skipped_models.items():
         yield f"The {model} model was skipped: {why}."
-    yield differences_table(study.comparison)
+    yield differences_table(study.comparison, predicted_ranges(study.stage))
 
 
 def _bench(study: Study) -> Iterator[Content]:

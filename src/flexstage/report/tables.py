@@ -18,6 +18,7 @@ from flexstage.quantities.section import Content, Picture
 from flexstage.quantities.table import Cell, Column, Table, table
 from flexstage.quantities.units import DIMENSIONS, readable_text
 from flexstage.stage import Stage
+from flexstage.stage.designs.vgtu import PredictedRanges
 from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.coupled_axes import CoupledAxes
 
@@ -117,6 +118,8 @@ _SPREAD_NOTE = (
     "±: of a model the estimated error of the mesh, or, of a stress without an estimate, the "
     "difference between the elements at its point; of a measurement the standard uncertainty."
 )
+# before the range of a predicted figure
+_RANGE = "95 %:"
 # differences that the publication gives: each model to the experiment, and between the models
 _PAIRS = (
     ("published-measured", "published-analytic"),
@@ -178,12 +181,15 @@ def published_loop(
 
 
 def characteristics_table(
-    comparison: Comparison, quantities: Collection[str], caption: str
+    comparison: Comparison,
+    quantities: Collection[str],
+    caption: str,
+    ranges: PredictedRanges | None = None,
 ) -> Table | None:
     """Return quantities by all origins side by side, the best column of ours highlighted.
 
     A row that is the same for all axes is given once. Next to published values each row states the
-    kind of its computed figures. None without a value of ours.
+    kind of its computed figures, a predicted one with its range. None without a value of ours.
     """
     rows = [
         row
@@ -209,15 +215,27 @@ def characteristics_table(
         quantity = units[row.quantity]
         values = [_value(row, column, quantity, mark) for column, mark in marks.items()]
         if published:
-            values.insert(len(published), Cell(row.computed_kind or "–"))
+            values.insert(len(published), kind_cell(row, quantity, ranges))
         lines.append((*_label(row, quantity), *values))
-    spread = any(isinstance(cell, Cell) and cell.small for line in lines for cell in line[2:])
-    return table(
-        caption, (*_LABELS, *heads), lines, notes=[_SPREAD_NOTE] if spread else [], divided=True
-    )
+    cells = [cell for line in lines for cell in line[2:] if isinstance(cell, Cell) and cell.small]
+    notes = [_SPREAD_NOTE] if any(c.small.startswith("±") for c in cells) else []
+    if ranges and any(c.small.startswith(_RANGE) for c in cells):
+        notes.append(ranges.source)
+    return table(caption, (*_LABELS, *heads), lines, notes=notes, divided=True)
 
 
-def differences_table(comparison: Comparison) -> Table | None:
+def kind_cell(row: ComparisonRow, quantity: Quantity, ranges: PredictedRanges | None) -> Cell:
+    """Return the kind of the computed figures of a row; of a predicted one with its range."""
+    kind = row.computed_kind or "–"
+    if ranges is None or kind != "predicted":
+        return Cell(kind)
+    text = "" if row.remark else ranges.text(row.quantity, row.axis, quantity.factor)
+    return Cell("predicted, geometry fitted", small=text and f"{_RANGE} {text}")
+
+
+def differences_table(
+    comparison: Comparison, ranges: PredictedRanges | None = None
+) -> Table | None:
     """Return the differences of each model here from each published origin.
 
     A figure that was fitted to the published one has none. None without any difference.
@@ -244,14 +262,16 @@ def differences_table(comparison: Comparison) -> Table | None:
         signed = [percent(row.difference_percent(m, c)).removesuffix(" %") for c, m in pairs]
         if any(signed):
             label = _label(row, replace(display(row.quantity), shown_unit=""))
-            lines.append((*label, row.computed_kind, *signed))
+            kind = kind_cell(row, display(row.quantity), ranges)
+            lines.append((*label, kind, *signed))
     caption = (
         "Difference of each model here from each published origin [% of the published value]; to "
         "measured figures it is the error of a prediction. A figure that was fitted to the "
         "published one has no difference from it."
     )
-    kind = replace(_KIND, group="computed here")
-    return table(caption, (*_LABELS, kind, *heads), lines) if lines else None
+    column = replace(_KIND, group="computed here")
+    notes = [ranges.source] if ranges and any(line[2].small for line in lines) else []
+    return table(caption, (*_LABELS, column, *heads), lines, notes=notes) if lines else None
 
 
 def published_table(comparison: Comparison) -> Table | None:

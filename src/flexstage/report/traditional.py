@@ -4,9 +4,11 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+from flexstage.base.choose import listed
 from flexstage.quantities.quantity import number
 from flexstage.quantities.section import Bullets, Content
 from flexstage.quantities.table import Cell, Column, Table, table
+from flexstage.stage.designs.vgtu import predicted_ranges
 from flexstage.studies.guided_axes import Mounting
 from flexstage.studies.traditional import (
     LOADS,
@@ -28,16 +30,44 @@ _UM = 1e6
 def motion_error_section(study: "Study") -> Iterator[Content]:
     """Yield the claim for every definition of a traditional stage, and the parts of the errors."""
     if (comparison := study.traditional) is not None:
-        yield Bullets(conclusions(comparison))
+        yield Bullets((*conclusions(comparison), *_ranges_of_motion(study)))
         yield claim_table(comparison)
         yield error_table(comparison)
         yield other_table(comparison)
 
 
+def _ranges_of_motion(study: "Study") -> Iterator[str]:
+    """Yield the ranges of motion across and rotation of the stage as described."""
+    if (ranges := predicted_ranges(study.stage)) is None:
+        return
+    across, turned = [], []
+    for axis in study.main.axes:
+        travel = study.main.characteristics.value("output_displacement", axis.axis)
+        text = ranges.text("cross_coupling", axis.axis, _UM * travel)
+        across.append(f"{text} µm in {axis.axis}")
+        turned.append(f"{ranges.text('parasitic_rotation', axis.axis, _UM)} µrad in {axis.axis}")
+    yield (
+        f"The geometry is fitted. Without manufacture, motion across is {listed(across)} and "
+        f"rotation {listed(turned)}, at 95 %. Straightness has no range: condensed finite elements "
+        f"move straight. {ranges.source}"
+    )
+
+
+def _ranges_of_drift(study: "Study") -> Iterator[str]:
+    """Yield the ranges of the drift of the probes."""
+    if (ranges := predicted_ranges(study.stage)) is None:
+        return
+    drifts = (
+        f"{ranges.text('thermal_drift', axis.axis, 1e3 * _UM)} nm/K in {axis.axis}"
+        for axis in study.main.axes
+    )
+    yield f"The geometry is fitted: drift at the probes is {listed(drifts)}. {ranges.source}"
+
+
 def drift_section(study: "Study") -> Iterator[Content]:
     """Yield the thermal drift of each stage."""
     if (comparison := study.traditional) is not None:
-        yield Bullets(drift_conclusions(comparison))
+        yield Bullets((*drift_conclusions(comparison), *_ranges_of_drift(study)))
         yield drift_table(comparison)
 
 

@@ -106,11 +106,12 @@ def root_reaches(stage: Stage, hinge: Hinge) -> tuple[float, float]:
     whose edges are roots from end to end. Where these meet, both hinges reach to where their middle
     lines cross; in a bend as thick as the strip they share its length.
     """
-    return _root_reach(stage, hinge, 0), _root_reach(stage, hinge, 1)
+    a, b = (root_reach(stage, hinge, hinge_root(stage, hinge, which)) for which in (0, 1))
+    return a, b
 
 
-def _root_reach(stage: Stage, hinge: Hinge, which: int) -> float:
-    root = hinge_root(stage, hinge, which)
+def root_reach(stage: Stage, hinge: Hinge, root: Root) -> float:
+    """Return how far one of the roots of a hinge reaches into its body, as `root_reaches` does."""
     if not _fills(root):
         return ROOT_REACH
     height = math.dist(*root.ends)

@@ -4,12 +4,15 @@ One is reduced and driven by screws, the other amplified and driven by piezoelec
 study prints no dimensions: the geometries are reconstructions, see the notes of each.
 """
 
+import json
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from flexstage.quantities.characteristic import Characteristic
-from flexstage.quantities.quantity import QUANTITIES
+from flexstage.quantities.quantity import QUANTITIES, number
 from flexstage.stage import Stage
 from flexstage.stage.designs.nested_xy import NESTED_XY, NestedXYParameters, nested_xy
 from flexstage.stage.designs.nested_xy_axis import AxisParameters
@@ -19,6 +22,11 @@ from flexstage.stage.drive import ScrewActuator, StackActuator
 #: Claimed reduction of motion errors against a traditional stage, which is not named, by stage [1];
 #: `flexstage.studies.traditional` examines the claim.
 MOTION_ERROR_CLAIMS: Mapping[str, float] = {"vgtu-mechanical": 0.44, "vgtu-piezo": 0.17}
+
+#: Ranges of the figures of both stages, of `scripts/predicted.py`.
+RANGES_PATH = Path(__file__).with_name("vgtu-ranges.json")
+#: Natural frequency with the stack of the axis on ideal seats [Hz], in this file.
+IDEAL_SEATS = "ideal_seat_frequency_hz"
 
 # note of a figure that is printed once for a stage with two axes
 _BOTH_AXES = "printed once, for both axes"
@@ -318,3 +326,43 @@ PIEZO = _published_stage(
         "% in y; the identified model reproduces the measured loop shape within 1 %.",
     ),
 )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PredictedRanges:
+    """The 95 % ranges of the figures of a stage of the study, whose geometry is fitted."""
+
+    values: Mapping[tuple[str, str], tuple[float, float]]
+    """Ends of the range by quantity and axis, in the unit of the quantity."""
+    source: str
+    """Origin of the ranges, in a sentence."""
+
+    def text(self, quantity: str, axis: str, factor: float) -> str:
+        """Return a range such as "-0.01 to 0.26", times a factor; empty if unknown."""
+        ends = self.values.get((quantity, axis))
+        if ends is None:
+            return ""
+        low, high = (number(factor * end, 3) for end in ends)
+        return f"{low} to {high}"
+
+
+def predicted_ranges(stage: Stage) -> PredictedRanges | None:
+    """Return the ranges of a stage of the study; None for any other, also if based on it."""
+    known = next((k for k in (MECHANICAL, PIEZO) if k.name == stage.name), None)
+    if known is None or known.construct().published != stage.published:
+        return None
+    return _stored_ranges(stage.name)
+
+
+@cache
+def _stored_ranges(name: str) -> PredictedRanges:
+    stored = json.loads(RANGES_PATH.read_text())[name]
+    rows = stored["figures"].values()
+    return PredictedRanges(
+        values={(row["quantity"], row["axis"]): (row["low"], row["high"]) for row in rows},
+        source=(
+            f"Ranges at 95 %: {stored['command']}, {stored['created'][:10]}. The geometry is "
+            f"fitted: {len(stored['given'])} published finite-element figures inform "
+            f"{stored['informed']:.1f} of {stored['dimensions']} dimensions, known to 20 % before."
+        ),
+    )

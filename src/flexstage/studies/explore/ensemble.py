@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -162,17 +162,9 @@ class NextMeasurement:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FigureRow:
-    """A figure with its range."""
+class _Ranges:
+    """A median and a 95 % range, of a figure or a dimension."""
 
-    figure: Figure
-    """The figure."""
-    kind: Kind
-    """``given``, or ``predicted`` from the given ones."""
-    described: float
-    """Value of the described stage, in the unit of the figure."""
-    best: float
-    """Value of the most probable stage."""
     median: float
     """Median."""
     low: float
@@ -184,22 +176,41 @@ class FigureRow:
     by: Origin
     """Origin of median and range."""
     before: float
-    """Standard deviation before, of the logarithm if that is normal."""
+    """Standard deviation before, of the logarithm of a figure if that is normal."""
     laplace: float
     """Standard deviation by Laplace's approximation, likewise."""
     ensemble: float | None
     """Standard deviation of the members, likewise; None with few members."""
 
     @property
-    def zero(self) -> bool:
-        """True for a figure that is zero but for the mesh, which has no range."""
-        return math.isnan(self.low)
-
-    @property
     def remaining(self) -> float:
         """Standard deviation after over that before, by the origin of the range [1]."""
         after = self.laplace if self.ensemble is None or self.by == "Laplace" else self.ensemble
         return after / self.before
+
+    @property
+    def ends(self) -> Array:
+        """Median and both ends of the range, shape (3,)."""
+        return np.array([self.median, self.low, self.high])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FigureRow(_Ranges):
+    """A figure with its range, in its unit."""
+
+    figure: Figure
+    """The figure."""
+    kind: Kind
+    """``given``, or ``predicted`` from the given ones."""
+    described: float
+    """Value of the described stage."""
+    best: float
+    """Value of the most probable stage."""
+
+    @property
+    def zero(self) -> bool:
+        """True for a figure that is zero but for the mesh, which has no range."""
+        return math.isnan(self.low)
 
     @property
     def agreement(self) -> float | None:
@@ -210,53 +221,37 @@ class FigureRow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DimensionRow:
-    """A dimension before and after."""
+class DimensionRow(_Ranges):
+    """A dimension before and after [SI]; standard deviations are in those before."""
 
     dimension: FreeDimension
     """The dimension and what is known before."""
-    median: float
-    """Median after [SI]."""
-    low: float
-    """Lower end of the 95 % range [SI]."""
-    high: float
-    """Upper end of the 95 % range [SI]."""
-    by: Origin
-    """Origin of median and range."""
-    laplace: float
-    """Standard deviation after over that before, by Laplace's approximation [1]."""
-    ensemble: float | None
-    """The same of the members [1]; None with few members."""
-
-    @property
-    def remaining(self) -> float:
-        """Standard deviation after over that before, by the origin of the range [1]."""
-        return self.laplace if self.ensemble is None or self.by == "Laplace" else self.ensemble
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Ranges:
-    """Median and ends of the 95 % range of a normal figure, and their origin."""
-
-    ends: tuple[float, float, float]
-    by: Origin
-    ensemble: float | None
-
-
-def _ranges(middle: float, spread: float, of_members: Array) -> _Ranges:
+def _ranges(middle: float, spread: float, of_members: Array, before: float = 1.0) -> _Ranges:
     """Return the range by Laplace's approximation, or by members that disagree with it."""
     members = of_members[np.isfinite(of_members)]
-    ends = (middle, middle - _NORMAL * spread, middle + _NORMAL * spread)
-    if len(members) < FEWEST_MEMBERS:
-        return _Ranges(ends=ends, by="Laplace", ensemble=None)
-    deviation = float(members.std(ddof=1))
-    # by positions p (n + 1), so that of few members as many further ones are within as of many
-    quantiles = np.quantile(members, [0.5, 0.025, 0.975], method="weibull")
-    median, low, high = quantiles.tolist()
-    limit = disagreement(len(members)) * spread
-    if abs(deviation - spread) > limit or abs(median - middle) > limit:
-        return _Ranges(ends=(median, low, high), by="ensemble", ensemble=deviation)
-    return _Ranges(ends=ends, by="Laplace", ensemble=deviation)
+    ends = [middle, middle - _NORMAL * spread, middle + _NORMAL * spread]
+    by: Origin = "Laplace"
+    deviation = None if len(members) < FEWEST_MEMBERS else float(members.std(ddof=1))
+    if deviation is not None:
+        # by positions p (n + 1), so that of few members as many further ones are within as of many
+        of_them = np.quantile(members, [0.5, 0.025, 0.975], method="weibull").tolist()
+        apart = max(abs(deviation - spread), abs(of_them[0] - middle))
+        if apart > disagreement(len(members)) * spread:
+            ends, by = of_them, "ensemble"
+    median, low, high = ends
+    return _Ranges(
+        **{"median": median, "low": low, "high": high, "by": by},
+        **{"before": before, "laplace": spread, "ensemble": deviation},
+    )
+
+
+def _with_ends(ranges: _Ranges, ends: Array) -> dict[str, Any]:
+    """Return the fields of a range with another median and other ends."""
+    median, low, high = ends.tolist()
+    kept = {f.name: getattr(ranges, f.name) for f in fields(_Ranges)}
+    return kept | {"median": median, "low": low, "high": high}
 
 
 def disagreement(members: int) -> float:
@@ -270,11 +265,10 @@ def disagreement(members: int) -> float:
     return max(DISAGREEMENT, CHANCE * 1.25 / math.sqrt(members))
 
 
-def _widened(ends: tuple[float, float, float], error: float) -> tuple[float, float, float]:
+def _widened(ends: Array, error: float) -> Array:
     """Return median and ends of a range with a further standard error of the figure."""
-    median, low, high = ends
-    more = _NORMAL * error
-    return median, median - math.hypot(median - low, more), median + math.hypot(high - median, more)
+    away = np.hypot(ends - ends[0], [0.0, _NORMAL * error, _NORMAL * error])
+    return ends[0] + np.array([0.0, -1.0, 1.0]) * away
 
 
 def model_error(figure: Figure) -> float:
@@ -437,26 +431,18 @@ class Ensemble(Result):
         for i in np.flatnonzero(self.varying).tolist():
             figure, middle = self.figures[i], float(self.middle[i])
             kind: Kind = "given" if figure in observed else "predicted"
-            ranges = _ranges(middle, float(spread[i]), of_members[:, i])
+            ranges = _ranges(middle, float(spread[i]), of_members[:, i], float(before[i]))
             error = model_error(figure) * (1.0 if self.logarithmic[i] else abs(middle))
             ends = ranges.ends if kind == "given" else _widened(ranges.ends, error)
             if self.zeros[i]:
-                ends = (0.0, math.nan, math.nan)
-            ends = unscaled(np.array(ends), self.logarithmic[i : i + 1])
-            median, low, high = ends.tolist()
+                ends = np.array([0.0, math.nan, math.nan])
             rows.append(
                 FigureRow(
                     figure=figure,
                     kind=kind,
                     described=float(self.described[i]),
                     best=float(self.best_values[i]),
-                    median=median,
-                    low=low,
-                    high=high,
-                    by=ranges.by,
-                    before=float(before[i]),
-                    laplace=float(spread[i]),
-                    ensemble=ranges.ensemble,
+                    **_with_ends(ranges, unscaled(ends, self.logarithmic[i : i + 1])),
                 )
             )
         return tuple(rows)
@@ -496,18 +482,10 @@ class Ensemble(Result):
         rows = []
         for i in np.argsort(spread).tolist():
             ranges = _ranges(float(self.coordinates[i]), float(spread[i]), of_members[:, i])
-            middle, *limits = (median[i] * np.exp(sigma[i] * np.array(ranges.ends))).tolist()
-            rows.append(
-                DimensionRow(
-                    dimension=self.dimensions[i],
-                    median=middle,
-                    low=min(limits),
-                    high=max(limits),
-                    by=ranges.by,
-                    laplace=float(spread[i]),
-                    ensemble=ranges.ensemble,
-                )
-            )
+            ends = median[i] * np.exp(sigma[i] * ranges.ends)
+            # a negative dimension has its larger end first
+            ends[1:].sort()
+            rows.append(DimensionRow(dimension=self.dimensions[i], **_with_ends(ranges, ends)))
         return tuple(rows)
 
     def next(

@@ -24,7 +24,7 @@ from flexstage.base import progress
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ConvergenceError, FlexstageError, ModelError
 from flexstage.base.provenance import provenance
-from flexstage.measure.posterior import Posterior, most_probable
+from flexstage.measure.posterior import Posterior, half_square, most_probable
 from flexstage.stage import check
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.batches import Job
@@ -56,6 +56,10 @@ class _Effort:
     """Number of times that a step is halved where there is no such stage."""
     approaches: int = 5
     """Largest number of superelements on the way to the most probable stage."""
+    starts: int = 12
+    """Draws of the prior from which the most probable stage is searched where the first search
+    leaves figures unexplained; draws that do not exist are left out.
+    """
     near: float = 0.3
     """Distance, in standard deviations before, over which derivatives hold: a stage this far from
     the most probable one needs no others, and a member is corrected by no more.
@@ -73,6 +77,8 @@ class _Effort:
 
 
 _EFFORT = _Effort()
+#: Probability of a chi-squared below which a search is repeated from elsewhere [1].
+_UNLIKELY = 0.01
 
 
 def dimension_of(variable: Variable) -> FreeDimension:
@@ -203,13 +209,36 @@ class _Fit:
     def search(self, start: Array) -> tuple[Array, Array]:
         """Return the most probable coordinates, and those of the same by the linear model there.
 
-        They differ only where limits of the geometry exclude the latter.
+        They differ only where limits of the geometry exclude the latter. A search that leaves the
+        given figures unexplained is repeated from elsewhere.
         """
+        found = self._from(start)
+        if self._explained(found[0]):
+            return found
+        # limits of the geometry may stop the search on the way
+        generator = np.random.default_rng(0)
+        others = [
+            self._from(z)
+            for z in generator.standard_normal((_EFFORT.starts, self.size))
+            if self.stages.exists(z)
+        ]
+        return min((found, *others), key=lambda pair: self._cost(pair[0]))
+
+    def _from(self, start: Array) -> tuple[Array, Array]:
         try:
             best, *_ = most_probable(self, start)
         except ConvergenceError:
             return self._up_to_limits(start)
         return best, best
+
+    def _cost(self, x: Array) -> float:
+        return half_square(self.residual_or_refused(x), x)
+
+    def _explained(self, x: Array) -> bool:
+        """Return whether figures and prior do not contradict each other at x."""
+        from scipy.special import chdtrc
+
+        return bool(chdtrc(len(self.target), 2.0 * self._cost(x)) > _UNLIKELY)
 
     def _up_to_limits(self, start: Array) -> tuple[Array, Array]:
         """Search as `search` does, among stages that exist; coordinates at a limit stay there."""
