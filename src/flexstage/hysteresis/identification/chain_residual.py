@@ -59,7 +59,7 @@ _SAMPLES = 25_000
 #: Parts of the cycles that are omitted in turn, for the standard errors of the chain, ...
 _PARTS = 8
 #: ... and step of its values for these, as a share of the search range.
-_STEP = 0.01
+STEP = 0.01
 
 #: Samples of a record that a spectrum is fitted to.
 _SPECTRUM_SAMPLES = 50_000
@@ -80,9 +80,6 @@ _LEAST_WEIGHT = 1e-4
 #: Largest number of iterations of densities and weights, and the change that ends them.
 _ITERATIONS = 40
 _CONVERGED = 1e-5
-#: The spectrum is used if it reduces the mean square of a typical part by this share: a coarse
-#: dictionary reduces that of logarithmic creep by an eighth as well, with a free delay by a third.
-_REDUCTION, JOINT_REDUCTION = 0.2, 0.5
 
 
 class ChainResidual:
@@ -214,7 +211,7 @@ class ChainResidual:
         the residual is a paraboloid, so that a few chains are enough.
         """
         names = tuple(limits)
-        step = _STEP * np.array([limits[name] for name in names])
+        step = STEP * np.array([limits[name] for name in names])
         at = np.maximum([getattr(best, name) for name in names], step)
         parts = folds_of(self._data, _PARTS, runs)
         if len(parts) < 3:
@@ -354,15 +351,14 @@ def _behind_modes(columns: Array, section: RecordSection, known: ChainValues) ->
     return np.asfortranarray(filtered_samples(columns, section, known))
 
 
-def is_better(before: Array, after: Array, *, joint: bool) -> bool:
-    """Return true if held-out parts are predicted better: a typical one by far, and the mean.
+def is_better(before: Array, after: Array, reduction: float) -> bool:
+    """Return true if held-out parts are predicted better: a typical one by a share, and the mean.
 
     Errors of parts differ by more than a decade if one has jumps; their ratios differ less.
     """
     if before.size < 2 or not 0.0 < after.mean() < before.mean():
         return False
     ratio = np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))
-    reduction = JOINT_REDUCTION if joint else _REDUCTION
     by_chance = float(np.std(ratio, ddof=1)) / np.sqrt(ratio.size)
     return bool(ratio.mean() < min(np.log(1.0 - reduction), -by_chance))
 

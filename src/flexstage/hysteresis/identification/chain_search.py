@@ -13,7 +13,7 @@ from scipy.optimize import minimize, minimize_scalar
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import Start
 from flexstage.hysteresis.identification.chain_residual import (
-    JOINT_REDUCTION,
+    STEP,
     ChainResidual,
     SpectrumFit,
     is_better,
@@ -69,8 +69,11 @@ _EXPLAINED = 2.2
 _FARTHEST_RESONANCE = 60.0
 #: ... smallest reduction of the residual by a resonance, ...
 _REDUCTION = 0.02
-#: Step of the delay for its standard error, as a share of the largest.
-_STEP = 0.01
+#: A spectrum of creep is used if it reduces the mean square of a typical part by this share: a
+#: coarse dictionary reduces that of logarithmic creep by an eighth as well, ...
+_SPECTRUM_REDUCTION = 0.2
+#: ... and with a free delay by a third.
+_JOINT_REDUCTION = 0.5
 #: ... and smallest reduction on the coarse grid for a search.
 _COARSE_REDUCTION = 0.002
 
@@ -301,8 +304,8 @@ def with_spectrum(
 
     Delay and starts follow from three or more rates; otherwise, and if they do not halve the mean
     square of held-out records, they are those of the estimate. Data and estimate are returned
-    unchanged at one rate, where hysteresis and spectrum cannot be separated, and if the rms error
-    of held-out cycles falls by less than a tenth.
+    unchanged at one rate, where hysteresis and spectrum cannot be separated, if the rms error of
+    held-out cycles falls by less than a tenth, and if that with a common zero rises.
 
     Validity: records of one drive in one state. Differences between records of different rates for
     another reason, such as the range of a sensor or the temperature, are mistaken for relaxation.
@@ -318,7 +321,8 @@ def with_spectrum(
     fit = SpectrumFit(data, estimate.values, train, joint=False)
     chain, _ = fit.best(np.array([estimate.values.delay]))
     before, after = fit.left_out(estimate.values), fit.of_parts(chain, 0.0)[0]
-    if chain.spectrum is None or not is_better(before, after, joint=False):
+    is_worse = chain.spectrum is None or fit.squares(chain)[1] > fit.squares(estimate.values)[1]
+    if is_worse or not is_better(before, after, _SPECTRUM_REDUCTION):
         return data, estimate
     return data, replace(estimate, values=chain)
 
@@ -333,15 +337,15 @@ def _joint_spectrum(
     chain, least = fit.with_starts().best(
         np.union1d(longest * np.array(_DELAYS), min(before.delay, longest))
     )
-    if least > (1.0 - JOINT_REDUCTION) * square or chain.spectrum is None:
+    if least > (1.0 - _JOINT_REDUCTION) * square or chain.spectrum is None:
         return None
     fit, starts = _spectrum_starts(fit, data, chain.delay, least)
     near = np.clip(chain.delay + longest * np.array(_NEAR), 0.0, longest)
     chain, _ = fit.best(np.unique(near))
     if chain.spectrum is None or fit.squares(chain)[1] > square_common:
         return None
-    squares, errors = fit.of_parts(chain, _STEP * longest)
-    if not is_better(fit_before.left_out(before), squares, joint=True):
+    squares, errors = fit.of_parts(chain, STEP * longest)
+    if not is_better(fit_before.left_out(before), squares, _JOINT_REDUCTION):
         return None
     sections = tuple(replace(s, start=a) for s, a in zip(data.sections, starts, strict=True))
     at_limits = _at_limits(before, longest)
@@ -363,7 +367,9 @@ def _spectrum_starts(
     every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
     trials = []
     for start in every:
-        starts = tuple("periodic" if s.periodic else start for s in data.sections)
+        starts: tuple[Start, ...] = tuple(
+            "periodic" if s.periodic else start for s in data.sections
+        )
         trial = fit.with_starts(starts)
         chain, _ = trial.best(np.array([delay]))
         trials.append((*trial.squares(chain), chain, starts))
