@@ -62,9 +62,6 @@ _CREEP_STEPS = 11
 _COMMON_OFFSET = 1.5
 #: Starts whose residuals are within this factor of the least are all possible.
 _POSSIBLE = 1.25
-#: The same start of all records explains them if their residual is within this factor of that with
-#: any start of each: a coarse dictionary leaves up to twice as much.
-_EXPLAINED = 2.2
 #: Largest ratio of a resonance to the rate of the fastest cycles, ...
 _FARTHEST_RESONANCE = 60.0
 #: ... smallest reduction of the residual by a resonance, ...
@@ -339,7 +336,7 @@ def _joint_spectrum(
     )
     if least > (1.0 - _JOINT_REDUCTION) * square or chain.spectrum is None:
         return None
-    fit, starts = _spectrum_starts(fit, data, chain.delay, least)
+    fit, starts = _spectrum_starts(fit, data, chain.delay)
     near = np.clip(chain.delay + longest * np.array(_NEAR), 0.0, longest)
     chain, _ = fit.best(np.unique(near))
     if chain.spectrum is None or fit.squares(chain)[1] > square_common:
@@ -357,12 +354,9 @@ def _joint_spectrum(
 
 
 def _spectrum_starts(
-    fit: SpectrumFit, data: IdentificationData, delay: float, least_of_any: float
+    fit: SpectrumFit, data: IdentificationData, delay: float
 ) -> tuple[SpectrumFit, tuple[Start, ...]]:
-    """Find the motion before each record: the same, or another one of each if none explains them.
-
-    `least_of_any` is the mean square residual with any start of each record.
-    """
+    """Find the motion before the records, the same for all that are not periodic."""
     longest = max(s.u.size * s.dt for s in data.sections)
     every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
     trials = []
@@ -372,29 +366,14 @@ def _spectrum_starts(
         )
         trial = fit.with_starts(starts)
         chain, _ = trial.best(np.array([delay]))
-        trials.append((*trial.squares(chain), chain, starts))
+        trials.append((*trial.squares(chain), starts))
     # the records have a common offset if some start makes it likely
     common = int(min(t[1] for t in trials) <= _COMMON_OFFSET**2 * min(t[0] for t in trials))
     best = trials[0]
     for trial in trials[1:]:
         if trial[common] < _BETTER**2 * best[common]:
             best = trial
-    least, chain, starts = best[common], *best[2:]
-    if best[0] <= _EXPLAINED**2 * least_of_any:
-        return fit.with_starts(starts), starts
-    each = starts
-    for i, start in itertools.product(range(len(starts)), every):
-        other = (*each[:i], start, *each[i + 1 :])
-        if each[i] != "periodic" and other != each:
-            square = fit.with_starts(other).squares(chain)[common]
-            if square < _OTHER_MEMORY**2 * least:
-                least, each = square, other
-    if each != starts:
-        fit_of_each = fit.with_starts(each)
-        chain, _ = fit_of_each.best(np.array([delay]))
-        if fit_of_each.squares(chain)[common] < _OTHER_MEMORY**2 * best[common]:
-            return fit_of_each, each
-    return fit.with_starts(starts), starts
+    return fit.with_starts(best[2]), best[2]
 
 
 def _with_delay(
