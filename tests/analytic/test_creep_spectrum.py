@@ -3,12 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from flexstage.hysteresis import PrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.element import Complex
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.identification.chain_residual import with_spectrum
+from flexstage.hysteresis.identification.chain_search import (
+    ChainEstimate,
+    find_chain,
+    with_spectrum,
+)
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.measurement import IdentificationData, measurement
 from flexstage.hysteresis.model import Array
@@ -45,13 +50,19 @@ def relative(creep: Creep, frequency_hz: Array) -> Complex:
     return response / response[0]
 
 
-KNOWN = ChainValues(delay=DELAY, creep_per_decade=0.03)
+#: The delay is known, and creep of the logarithm is what was found.
+KNOWN = ChainEstimate(
+    values=ChainValues(delay=DELAY, creep_per_decade=0.03),
+    searched=("creep_per_decade",),
+    rms=0.0,
+    errors={"creep_per_decade": 0.01},
+)
 
 
 def test_the_weights_of_a_loss_and_of_creep_are_found() -> None:
-    found = with_spectrum(measured(RELAXING, 0.4, 3.1, 27.0), KNOWN)
+    found = with_spectrum(measured(RELAXING, 0.4, 3.1, 27.0), KNOWN)[1].values
     assert found.spectrum is not None
-    assert replace(found, spectrum=None, creep_per_decade=0.03) == KNOWN
+    assert replace(found, spectrum=None, creep_per_decade=0.03) == KNOWN.values
     # what loops show is the response at their rates, relative to one another
     f = np.geomspace(0.4, 27.0, 9)
     truth = relative(RELAXING, f)
@@ -66,23 +77,23 @@ def test_the_weights_of_a_loss_and_of_creep_are_found() -> None:
 
 def test_creep_of_the_logarithm_stays_one_number() -> None:
     creep = LogCreep(rate_per_decade=0.03, per_decade=1)
-    assert with_spectrum(measured(creep, 0.4, 3.1, 27.0), KNOWN) is KNOWN
+    assert with_spectrum(measured(creep, 0.4, 3.1, 27.0), KNOWN)[1] is KNOWN
 
 
 def test_no_creep_gets_no_spectrum() -> None:
     none = LogCreep(rate_per_decade=0.0)
-    bare = replace(KNOWN, creep_per_decade=0.0)
-    assert with_spectrum(measured(none, 0.4, 27.0), bare) is bare
+    bare = replace(KNOWN, values=ChainValues(delay=DELAY))
+    assert with_spectrum(measured(none, 0.4, 27.0), bare)[1] is bare
 
 
 def test_one_rate_tells_no_spectrum() -> None:
-    assert with_spectrum(measured(RELAXING, 3.1), KNOWN) is KNOWN
+    assert with_spectrum(measured(RELAXING, 3.1), KNOWN)[1] is KNOWN
 
 
 def test_what_is_held_out_is_not_seen() -> None:
     data = measured(RELAXING, 0.4, 27.0)
     train = (0, 2800)
-    first = with_spectrum(data, KNOWN, train=train)
+    first = with_spectrum(data, KNOWN, train=train)[1].values
     assert first.spectrum is not None
     spoilt = []
     for s in data.sections:
@@ -93,4 +104,37 @@ def test_what_is_held_out_is_not_seen() -> None:
         data,
         sections=tuple(replace(s, y=y) for s, y in zip(data.sections, spoilt, strict=True)),
     )
-    assert with_spectrum(other, KNOWN, train=train).spectrum == first.spectrum
+    assert with_spectrum(other, KNOWN, train=train)[1].values.spectrum == first.spectrum
+
+
+@pytest.mark.parametrize("above", [0.0, 1.0])
+def test_delay_and_loss_of_one_cycle_at_each_speed_are_separated(above: float) -> None:
+    """The sum of lags in closed form: records that begin after a rest at the low or high end."""
+    rates_hz, delay, creep = (0.3, 1.2, 5.0, 20.0), 4e-4, RELAXING
+    records = []
+    for seed, rate_hz in enumerate(rates_hz):
+        dt = 1.0 / (300.0 * rate_hz)
+        phase = np.linspace(0.0, 2.0 + above, round(300 * (1.0 + above / 2.0)) + 1)
+        u = 55.0 - 52.0 * np.cos(np.pi * (phase - above))
+        x = STACK.simulate(np.concatenate(([107.0, 3.0, u[0]], u))).values[3:]
+        y = Lag(delay=delay).simulate(creep.simulate(x, dt).values, dt).values
+        y = y + np.random.default_rng(seed).normal(0.0, 0.002, u.size)
+        records.append(
+            Record(
+                channels=(Channel(name="u", values=u), Channel(name="y", values=y)),
+                time=dt * np.arange(u.size, dtype=np.float64),
+            )
+        )
+    data = measurement(records, "u", "y", periodic=False)
+    first = find_chain(data)
+    found, estimate = with_spectrum(data, first)
+    # the delay of one number of creep takes the loss of the fast lag
+    assert first.values.delay > 1.4 * delay
+    assert estimate.values.spectrum is not None
+    assert {s.start for s in found.sections} == {"rested"}
+    f = np.array(rates_hz)
+    late = [np.exp(-2j * np.pi * f * t) for t in (delay, first.values.delay, estimate.values.delay)]
+    truth = relative(creep, f) * late[0]
+    off = np.abs(relative(estimate.values.creep, f) * late[2] - truth).max()
+    assert off < 0.01
+    assert np.abs(relative(first.values.creep, f) * late[1] - truth).max() > 2.0 * off

@@ -5,6 +5,7 @@ import itertools
 import math
 import operator
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -41,7 +42,9 @@ from flexstage.hysteresis.identification.projection import (
     column_subset,
     group_sums,
     normal_equations,
+    orthonormal,
     residual_square,
+    residual_square_of_part,
     solve,
 )
 from flexstage.hysteresis.identification.residuals import jackknife
@@ -56,22 +59,27 @@ _SAMPLES = 25_000
 #: Parts of the cycles that are omitted in turn, for the standard errors of the chain, ...
 _PARTS = 8
 #: ... and step of its values for these, as a share of the search range.
-_STEP = 0.01
+STEP = 0.01
 
 #: Samples of a record that a spectrum is fitted to.
 _SPECTRUM_SAMPLES = 50_000
 #: The shortest time constant is one over the angular frequency of the fastest cycles, divided by
 #: this, as a faster lag acts on them as a delay; the others follow, one for each decade.
 _FASTER = 3.0
-#: Parts of the cycles that are held out in turn, and runs of neighbours in each: small ones, so
-#: that the offset of a record is not extrapolated.
+#: Lags for each decade, ...
+_LAGS_PER_DECADE = 2
+#: ... and decays of these that are less than this apart from those of others are no columns.
+_SIMILAR = 1e-2
+#: Parts of the cycles of one or two records that are left out in turn, and runs of neighbours in
+#: each: small ones, so that the offset of a record is not extrapolated.
 _SPECTRUM_PARTS, _SPECTRUM_RUNS = 12, 3
+#: Times that the grid of delays is refined about the best one, by half.
+_REFINEMENTS = 2
+#: Weight that each iteration begins with at least: one of zero stays zero.
+_LEAST_WEIGHT = 1e-4
 #: Largest number of iterations of densities and weights, and the change that ends them.
 _ITERATIONS = 40
 _CONVERGED = 1e-5
-#: The spectrum is used if it reduces the mean square of a typical part by this share: a coarse
-#: dictionary reduces that of logarithmic creep by an eighth as well.
-_REDUCTION = 0.2
 
 
 class ChainResidual:
@@ -154,13 +162,10 @@ class ChainResidual:
 
     def rms_of_common_offset(self, chain: ChainValues) -> float:
         """Return the same with a common offset of all records, if they have one."""
-        if self._data.zero != "one" or len(self._data.sections) == 1:
-            return self.rms(chain)
         normal = self._normal(chain)
         solution = self._solve(normal)
-        rows = [int(use.sum()) for use in self._data.use]
-        variance = float(np.cov(solution.nuisance, fweights=rows, ddof=0))
         mean_square = max(residual_square(normal, solution), 0.0) / normal.count
+        variance = variance_of_offsets(self._data, solution)
         return math.sqrt(mean_square + variance) / self._data.stroke
 
     def _normal(self, chain: ChainValues) -> Normal:
@@ -206,7 +211,7 @@ class ChainResidual:
         the residual is a paraboloid, so that a few chains are enough.
         """
         names = tuple(limits)
-        step = _STEP * np.array([limits[name] for name in names])
+        step = STEP * np.array([limits[name] for name in names])
         at = np.maximum([getattr(best, name) for name in names], step)
         parts = folds_of(self._data, _PARTS, runs)
         if len(parts) < 3:
@@ -277,6 +282,14 @@ class ChainResidual:
         return solve(normal, smoothing=penalty * (normal.count * self._data.input_scale**2))
 
 
+def variance_of_offsets(data: FitData, solution: Solution) -> float:
+    """Return the mean square that a common offset adds to a solution; 0 if records have none."""
+    if data.zero != "one" or len(data.sections) == 1:
+        return 0.0
+    rows = [int(use.sum()) for use in data.use]
+    return float(np.cov(solution.nuisance, fweights=rows, ddof=0))
+
+
 def short_data(
     data: IdentificationData, chain: ChainValues, samples: int, train: tuple[int, int] | None
 ) -> FitData:
@@ -338,47 +351,8 @@ def _behind_modes(columns: Array, section: RecordSection, known: ChainValues) ->
     return np.asfortranarray(filtered_samples(columns, section, known))
 
 
-def with_spectrum(
-    data: IdentificationData, chain: ChainValues, *, train: tuple[int, int] | None = None
-) -> ChainValues:
-    r"""Fit a weight of creep for each time constant, if that predicts held-out cycles better.
-
-    Output is linear in the density of a small Preisach model and in the weights of the lags behind
-    it, but not in both: each is found by non-negative least squares with the other fixed, in turn.
-
-    .. math:: y = \Big(1 + \sum_i \frac{a_i}{1 + \tau_i s}\Big) \sum_j w_j \phi_j(u),
-              \qquad a_i, w_j \ge 0
-
-    Delay and modes of the chain are kept. The chain is returned unchanged at one rate, where
-    hysteresis and spectrum cannot be separated, and if the rms error of held-out cycles falls by
-    less than a tenth.
-
-    Notes
-    -----
-    Validity: records of one drive in one state. Differences between records of different rates for
-    another reason, such as the range of a sensor or the temperature, are mistaken for relaxation.
-    """
-    rates = data.rates_hz
-    if len(rates) < 2:
-        return chain
-    longest = max(s.u.size * s.dt for s in data.sections)
-    shortest = 1.0 / (2.0 * np.pi * _FASTER * rates[-1])
-    if not shortest < longest:
-        return chain
-    count = 1 + max(1, round(np.log10(longest / shortest)))
-    fit = _SpectrumFit(data, chain, np.geomspace(shortest, longest, count), train)
-    if not _is_better(*fit.held_out()):
-        return chain
-    weights = fit.weights(fit.total)
-    used = weights > 0.0
-    if not used.any():
-        return chain
-    spectrum = CreepSpectrum(times=tuple(fit.times[used]), weights=tuple(weights[used]))
-    return replace(chain, spectrum=spectrum, creep_per_decade=spectrum.rate_per_decade)
-
-
-def _is_better(before: Array, after: Array) -> bool:
-    """Return true if held-out parts are predicted better: a typical one by far, and the mean.
+def is_better(before: Array, after: Array, reduction: float) -> bool:
+    """Return true if held-out parts are predicted better: a typical one by a share, and the mean.
 
     Errors of parts differ by more than a decade if one has jumps; their ratios differ less.
     """
@@ -386,82 +360,218 @@ def _is_better(before: Array, after: Array) -> bool:
         return False
     ratio = np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))
     by_chance = float(np.std(ratio, ddof=1)) / np.sqrt(ratio.size)
-    return bool(ratio.mean() < min(np.log(1.0 - _REDUCTION), -by_chance))
+    return bool(ratio.mean() < min(np.log(1.0 - reduction), -by_chance))
 
 
-class _SpectrumFit:
-    """Normal equations of the dictionary behind each of the lags."""
+class SpectrumFit:
+    r"""Joint fit of delay and weights of creep, with the best density of a coarse dictionary.
+
+    Output is linear in the density of a small Preisach model and in the weights of the lags behind
+    it, but not in both: for each delay, each is found by non-negative least squares with the other
+    fixed, in turn. A delay that is found without the lags takes the loss of the fast ones.
+
+    .. math:: y = \Big(1 + \sum_i \frac{a_i}{1 + \tau_i s}\Big) \sum_j w_j \phi_j(u),
+              \qquad a_i, w_j \ge 0
+
+    Modes are those of a chain. A joint fit of the delay takes two lags for each decade, another one
+    takes one.
+    """
 
     def __init__(
         self,
         data: IdentificationData,
-        chain: ChainValues,
-        times: Array,
+        modes: ChainValues,
         train: tuple[int, int] | None,
+        *,
+        joint: bool,
     ) -> None:
-        self.times = times
-        self._bare = replace(chain, creep_per_decade=0.0, spectrum=None)
-        self._data = short_data(data, self._bare, _SPECTRUM_SAMPLES, train)
-        self._creep = (chain,) if chain.creep_per_decade > 0.0 else ()
-        columns, _, penalty = dictionary(self._data)
+        self._joint = joint
+        self._data = short_data(data, ChainValues(), _SPECTRUM_SAMPLES, train)
+        self._columns, _, penalty = dictionary(self._data)
+        self._modes = replace(modes, creep_per_decade=0.0, delay=0.0, spectrum=None)
+        if modes.resonance_hz > 0.0:
+            pairs = zip(self._columns, self._data.sections, strict=True)
+            self._columns = [_behind_modes(c, s, self._modes) for c, s in pairs]
         self._penalty = penalty * self._data.input_scale**2
+        longest = max(s.u.size * s.dt for s in data.sections)
+        shortest = 1.0 / (2.0 * np.pi * _FASTER * data.rates_hz[-1])
+        per_decade = _LAGS_PER_DECADE if joint else 1
+        count = 1 + max(1, round(per_decade * np.log10(longest / shortest)))
+        self._times = np.geomspace(shortest, longest, count)
+        self._lags = [ChainValues().with_lag(float(t)) for t in self._times]
+
+    def with_starts(self, starts: Sequence[Start] | None = None) -> "SpectrumFit":
+        """Return the fit with other motion of the drive before each record.
+
+        If it is unknown, the decay of each lag is added to the nuisance columns of the record.
+        """
         sections = self._data.sections
-        self._behind = [
-            self._at_rows(c, s, r)
-            for c, s, r in zip(columns, sections, self._data.rows, strict=True)
-        ]
-        self.total = equations(self._behind, self._data)
+        if starts is None:
+            sections = tuple(self._unsettled(s) for s in sections)
+        else:
+            pairs = zip(sections, starts, strict=True)
+            sections = tuple(replace(s, start=start) for s, start in pairs)
+        other = copy(self)
+        other._data = replace(self._data, sections=sections)
+        return other
 
-    def _at_rows(self, columns: Array, section: RecordSection, rows: Rows) -> Array:
-        """Columns, then their change by each lag and by the creep of the chain, side by side."""
-        plain = filtered(columns, section, rows, self._bare)
-        lags = [self._bare.with_lag(float(t)) for t in self.times]
-        changes = [filtered(columns, section, rows, c) - plain for c in (*lags, *self._creep)]
-        return np.concatenate([plain, *changes], axis=1)
+    def _unsettled(self, section: RecordSection) -> RecordSection:
+        if section.periodic:
+            return section
+        time = np.maximum(np.arange(section.u.size) - section.history, 0) * section.dt
+        decays = np.exp(-time[:, None] / self._times)
+        columns = orthonormal(np.hstack((section.nuisance, decays)), _SIMILAR)
+        return replace(section, nuisance=columns)
 
-    def _factors(self, weights: Array | None) -> Array:
-        """Factor of each set of columns: weights of the lags, or else the creep of the chain."""
-        lags = np.zeros(self.times.size) if weights is None else weights
-        return np.array([1.0, *lags, *(float(weights is None) for _ in self._creep)])
+    def best(self, delays: Array) -> tuple[ChainValues, float]:
+        """Return the best chain, by its delay on a grid that is refined, and its mean square."""
+        found: dict[float, tuple[Array, float]] = {}
+        weights, grid, best = np.full(self._times.size, 0.01), delays, 0.0
+        for _ in range(_REFINEMENTS + 1):
+            for delay, (normal,) in zip(grid, self._equations(grid, self._lags), strict=True):
+                found[float(delay)] = self._weights(normal, weights)
+                weights = found[float(delay)][0]
+            best = min(found, key=lambda d: found[d][1])
+            at = np.array(sorted(found))
+            near = np.concatenate((at[at < best][-1:], at[at > best][:1]))
+            weights, grid = found[best][0], 0.5 * (best + near)
+            if grid.size == 0:
+                break
+        chain, used = replace(self._modes, delay=best), weights > 0.0
+        if used.any():
+            spectrum = CreepSpectrum(times=tuple(self._times[used]), weights=tuple(weights[used]))
+            rate = spectrum.rate_per_decade
+            chain = replace(chain, spectrum=spectrum, creep_per_decade=rate)
+        return chain, found[best][1]
 
-    def _densities(self, normal: Normal, lags: Array) -> Solution:
-        return solve(group_sums(normal, lags), smoothing=self._penalty * normal.count)
+    def squares(self, chain: ChainValues) -> tuple[float, float]:
+        """Return the mean square behind a chain, and with a common offset if records have one."""
+        ((normal,),), factors = self._of_chain(chain)
+        solution = self._densities(normal, factors)
+        square = residual_square(group_sums(normal, factors), solution) / normal.count
+        return square, square + variance_of_offsets(self._data, solution)
 
-    def weights(self, normal: Normal) -> Array:
-        """Find densities and weights in turn; return the weights, shape (m,)."""
-        a = np.full(self.times.size, 0.01)
-        last = np.inf
+    def left_out(self, chain: ChainValues) -> Array:
+        """Return the mean squares behind a chain of parts that are left out in turn."""
+        ((total, *others),), factors = self._of_chain(chain, parts=True)
+        return self._left_out(total, others, [factors] * len(others))
+
+    def _of_chain(
+        self, chain: ChainValues, *, parts: bool = False
+    ) -> tuple[list[list[Normal]], Array]:
+        """Equations behind a known chain, and the factors of its columns and of their change."""
+        creeps = [chain] if chain.creep_per_decade > 0.0 else []
+        return self._equations([chain.delay], creeps, parts=parts), np.ones(1 + len(creeps))
+
+    def of_parts(self, chain: ChainValues, step: float) -> tuple[Array, dict[str, float]]:
+        """Fit the weights, and the delay within a step if it is positive, without each part.
+
+        Returns the mean squares of the parts, and the standard errors of the chain.
+        """
+        start = np.zeros(self._times.size)
+        if chain.spectrum is not None:
+            start[np.isin(self._times, chain.spectrum.times)] = chain.spectrum.weights
+        around = np.array([[-1.0], [0.0], [1.0]]) if step > 0.0 else np.zeros((1, 1))
+        every = self._equations(
+            max(chain.delay, step) + step * around[:, 0], self._lags, parts=True
+        )
+        fits = [[self._weights(normal, start) for normal in normals] for normals in every]
+        total, *others = every[around.size // 2]
+        weights = [w for w, _ in fits[around.size // 2][1:]]
+        squares = self._left_out(total, others, [np.append(1.0, w) for w in weights])
+        if len(others) < 3:
+            return squares, dict.fromkeys(("delay", "creep_per_decade"), math.inf)
+        gains = np.sum(weights, axis=1)
+        share = jackknife(gains) / max(float(np.mean(gains)), 1e-300)
+        errors = {"creep_per_decade": float(share) * chain.creep_per_decade}
+        if step > 0.0:
+            costs = np.array([[mean_square for _, mean_square in f[1:]] for f in fits]).T
+            error = step * float(jackknife(np.array([_lowest(around, c)[0] for c in costs])))
+            errors["delay"] = error if math.isfinite(error) else math.inf
+        return squares, errors
+
+    def _equations(
+        self, delays: Sequence[float] | Array, creeps: Sequence[ChainValues], *, parts: bool = False
+    ) -> list[list[Normal]]:
+        """Equations behind each delay: of the columns, and of their change by each creep.
+
+        Of all rows, and on request without each part of them.
+        """
+        data = self._data
+        sections = zip(self._columns, data.sections, data.rows, strict=True)
+        behind = [_behind_delays(c, s, r, delays, creeps) for c, s, r in sections]
+        left_out = _parts_to_leave_out(data, joint=self._joint) if parts else []
+        every = []
+        for columns in map(list, zip(*behind, strict=True)):
+            total = equations(columns, data)
+            without = [total - equations(columns, data.with_use(part)) for part in left_out]
+            every.append([total, *without])
+        return every
+
+    def _densities(self, normal: Normal, factors: Array) -> Solution:
+        return solve(group_sums(normal, factors), smoothing=self._penalty * normal.count)
+
+    def _left_out(self, total: Normal, others: Sequence[Normal], factors: Sequence[Array]) -> Array:
+        """Mean squares of the rows that are not in each of some equations."""
+        squares = []
+        for fitted, f in zip(others, factors, strict=True):
+            part, solution = group_sums(total - fitted, f), self._densities(fitted, f)
+            known = np.diag(fitted.gram)[fitted.columns :] > 0.0
+            squares.append(residual_square_of_part(part, solution, known) / part.count)
+        return np.array(squares)
+
+    def _weights(self, normal: Normal, start: Array) -> tuple[Array, float]:
+        """Find densities and weights in turn; return the weights, shape (m,), and mean square."""
+        a, last = np.maximum(start, _LEAST_WEIGHT), np.inf
         for _ in range(_ITERATIONS):
-            w = self._densities(normal, self._factors(a)).coefficients
-            by_lag = np.kron(np.eye(a.size + 1), w[:, None])
-            unused = np.zeros((normal.columns - by_lag.shape[0], by_lag.shape[1]))
-            lag_equations = _contracted(normal, np.vstack((by_lag, unused)))
-            share = solve(lag_equations)
+            w = self._densities(normal, np.append(1.0, a)).coefficients
+            lags = _contracted(normal, np.kron(np.eye(a.size + 1), w[:, None]))
+            share = solve(lags)
             if share.coefficients[0] <= 0.0:
                 break
             a = share.coefficients[1:] / share.coefficients[0]
-            square = residual_square(lag_equations, share)
+            square = residual_square(lags, share)
             if last - square <= _CONVERGED * square:
                 break
             last = square
-        return a
+        return a, last / normal.count
 
-    def held_out(self) -> tuple[Array, Array]:
-        """Return the mean squares of held-out parts, with the creep of the chain and a spectrum."""
-        before, after = [], []
-        for fold in folds_of(self._data, _SPECTRUM_PARTS, _SPECTRUM_RUNS):
-            part = equations(self._behind, self._data.with_use(fold))
-            if part.count in (0, self.total.count):
-                continue
-            fitted = self.total - part
-            for lags, mean_squares in (
-                (self._factors(None), before),
-                (self._factors(self.weights(fitted)), after),
-            ):
-                solution = self._densities(fitted, lags)
-                square = residual_square(group_sums(part, lags), solution)
-                mean_squares.append(square / part.count)
-        return np.array(before), np.array(after)
+
+def _parts_to_leave_out(data: FitData, *, joint: bool) -> list[tuple[NDArray[np.bool_], ...]]:
+    """Whole records at rates within those of others, or parts of the cycles if these are few.
+
+    A spectrum is valid between the rates of its records, and cannot be judged beyond them.
+    """
+    used = [k for k, use in enumerate(data.use) if use.any()]
+    rates = {k: float(np.median(data.sections[k].cycles.frequency_hz)) for k in used}
+    inside = [
+        k
+        for k in used
+        if min((rates[i] for i in used if i != k), default=math.inf)
+        <= rates[k]
+        <= max((rates[i] for i in used if i != k), default=0.0)
+    ]
+    if joint and len(inside) > 1:
+        return [tuple(u & (i == k) for i, u in enumerate(data.use)) for k in inside]
+    folds = folds_of(data, _SPECTRUM_PARTS, _SPECTRUM_RUNS)
+    count = sum(int(use.sum()) for use in data.use)
+    return [f for f in folds if 0 < sum(int(part.sum()) for part in f) < count]
+
+
+def _behind_delays(
+    columns: Array,
+    section: RecordSection,
+    rows: Rows,
+    delays: Sequence[float] | Array,
+    creeps: Sequence[ChainValues],
+) -> list[Array]:
+    """Columns, and their change by each creep side by side, at the rows behind each delay."""
+    late = np.concatenate([rows.at - delay / section.dt for delay in delays])
+    every = replace(rows, at=late)
+    plain = filtered(columns, section, every, ChainValues())
+    bare = [replace(c, delay=0.0, resonance_hz=0.0) for c in creeps]
+    changes = [filtered(columns, section, every, c) - plain for c in bare]
+    return np.split(np.concatenate([plain, *changes], axis=1), len(delays))
 
 
 def _contracted(normal: Normal, to: NDArray[Any]) -> Normal:

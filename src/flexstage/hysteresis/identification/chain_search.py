@@ -12,7 +12,12 @@ from scipy.optimize import minimize, minimize_scalar
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import Start
-from flexstage.hysteresis.identification.chain_residual import ChainResidual
+from flexstage.hysteresis.identification.chain_residual import (
+    STEP,
+    ChainResidual,
+    SpectrumFit,
+    is_better,
+)
 from flexstage.hysteresis.identification.cycles import RecordSection, memories
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.jump_response import jump_response
@@ -42,6 +47,10 @@ _OTHER_MEMORY = 0.9
 
 #: Largest delay, as a share of the shortest cycle.
 _LONGEST_DELAY = 0.08
+#: Delays of the first search with a spectrum of creep, and about the best one of these for a
+#: second one, as shares of the largest.
+_DELAYS = 0.0, 0.05, 0.1, 0.2, 0.45, 1.0
+_NEAR = -0.06, -0.03, 0.0, 0.03, 0.06
 #: Largest creep [1 per decade].
 _LARGEST_CREEP = 0.12
 #: Creep of piezo stacks [1 per decade], and half of the range in data sheets (1 to 2 %: Physik
@@ -57,6 +66,11 @@ _POSSIBLE = 1.25
 _FARTHEST_RESONANCE = 60.0
 #: ... smallest reduction of the residual by a resonance, ...
 _REDUCTION = 0.02
+#: A spectrum of creep is used if it reduces the mean square of a typical part by this share: a
+#: coarse dictionary reduces that of logarithmic creep by an eighth as well, ...
+_SPECTRUM_REDUCTION = 0.2
+#: ... and with a free delay by a third.
+_JOINT_REDUCTION = 0.5
 #: ... and smallest reduction on the coarse grid for a search.
 _COARSE_REDUCTION = 0.002
 
@@ -278,6 +292,88 @@ def find_starts(
                     best, least = trial, rms
     # the largest change is two standard errors
     return best, 0.5 * width
+
+
+def with_spectrum(
+    data: IdentificationData, estimate: ChainEstimate, *, train: tuple[int, int] | None = None
+) -> tuple[IdentificationData, ChainEstimate]:
+    """Fit a weight of creep for each time constant, and with it the delay and the starts.
+
+    Delay and starts follow from three or more rates; otherwise, and if they do not halve the mean
+    square of held-out records, they are those of the estimate. Data and estimate are returned
+    unchanged at one rate, where hysteresis and spectrum cannot be separated, if the rms error of
+    held-out cycles falls by less than a tenth, and if that with a common zero rises.
+
+    Validity: records of one drive in one state. Differences between records of different rates for
+    another reason, such as the range of a sensor or the temperature, are mistaken for relaxation.
+    """
+    rates = data.rates_hz
+    if len(rates) < 2:
+        return data, estimate
+    found = None
+    if len(rates) > 2 and "delay" in estimate.searched:
+        found = _joint_spectrum(data, estimate, train)
+    if found is not None:
+        return found
+    fit = SpectrumFit(data, estimate.values, train, joint=False)
+    chain, _ = fit.best(np.array([estimate.values.delay]))
+    before, after = fit.left_out(estimate.values), fit.of_parts(chain, 0.0)[0]
+    is_worse = chain.spectrum is None or fit.squares(chain)[1] > fit.squares(estimate.values)[1]
+    if is_worse or not is_better(before, after, _SPECTRUM_REDUCTION):
+        return data, estimate
+    return data, replace(estimate, values=chain)
+
+
+def _joint_spectrum(
+    data: IdentificationData, estimate: ChainEstimate, train: tuple[int, int] | None
+) -> tuple[IdentificationData, ChainEstimate] | None:
+    """Fit delay, spectrum and starts: first for any start of each record, then for likely ones."""
+    before, longest = estimate.values, _longest_delay(data)
+    fit = SpectrumFit(data, before, train, joint=True)
+    fit_before, (square, square_common) = fit, fit.squares(before)
+    chain, least = fit.with_starts().best(
+        np.union1d(longest * np.array(_DELAYS), min(before.delay, longest))
+    )
+    if least > (1.0 - _JOINT_REDUCTION) * square or chain.spectrum is None:
+        return None
+    fit, starts = _spectrum_starts(fit, data, chain.delay)
+    near = np.clip(chain.delay + longest * np.array(_NEAR), 0.0, longest)
+    chain, _ = fit.best(np.unique(near))
+    if chain.spectrum is None or fit.squares(chain)[1] > square_common:
+        return None
+    squares, errors = fit.of_parts(chain, STEP * longest)
+    if not is_better(fit_before.left_out(before), squares, _JOINT_REDUCTION):
+        return None
+    sections = tuple(replace(s, start=a) for s, a in zip(data.sections, starts, strict=True))
+    at_limits = _at_limits(before, longest)
+    notes = tuple(n for n in estimate.notes if n not in at_limits) + _at_limits(chain, longest)
+    known = {n: e for n, e in errors.items() if n in estimate.errors}
+    return replace(data, sections=sections), replace(
+        estimate, values=chain, errors={**estimate.errors, **known}, notes=notes
+    )
+
+
+def _spectrum_starts(
+    fit: SpectrumFit, data: IdentificationData, delay: float
+) -> tuple[SpectrumFit, tuple[Start, ...]]:
+    """Find the motion before the records, the same for all that are not periodic."""
+    longest = max(s.u.size * s.dt for s in data.sections)
+    every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
+    trials = []
+    for start in every:
+        starts: tuple[Start, ...] = tuple(
+            "periodic" if s.periodic else start for s in data.sections
+        )
+        trial = fit.with_starts(starts)
+        chain, _ = trial.best(np.array([delay]))
+        trials.append((*trial.squares(chain), starts))
+    # the records have a common offset if some start makes it likely
+    common = int(min(t[1] for t in trials) <= _COMMON_OFFSET**2 * min(t[0] for t in trials))
+    best = trials[0]
+    for trial in trials[1:]:
+        if trial[common] < _BETTER**2 * best[common]:
+            best = trial
+    return fit.with_starts(best[2]), best[2]
 
 
 def _with_delay(

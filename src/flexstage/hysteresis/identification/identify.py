@@ -14,13 +14,13 @@ from flexstage.base.provenance import content_hash, provenance
 from flexstage.files.request import request_of
 from flexstage.hysteresis.chain.creep import Start
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
-from flexstage.hysteresis.identification.chain_residual import with_spectrum
 from flexstage.hysteresis.identification.chain_search import (
     ChainEstimate,
     find_chain,
     find_memories,
     find_starts,
     other_chains,
+    with_spectrum,
 )
 from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.fit_rows import (
@@ -136,7 +136,7 @@ def identify(
     _data(data, ChainValues(), train)  # refuses a range with too few samples
     data, estimate = _chain_and_start(data, chain, train, resonance)
     if chain is None:
-        estimate = replace(estimate, values=with_spectrum(data, estimate.values, train=train))
+        data, estimate = with_spectrum(data, estimate, train=train)
     short = data
     if train is None:  # which counts samples of the records
         # fits to all samples of long records would take minutes, for the same result

@@ -74,11 +74,11 @@ class Solution:
     """Of the nuisance columns, shape (k,)."""
 
 
-def orthonormal(columns: Array) -> Array:
-    """Return orthonormal columns that span others."""
+def orthonormal(columns: Array, least: float = 1e-7) -> Array:
+    """Return orthonormal columns that span others, as far as those differ by a least share."""
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    return basis[:, sizes > 1e-7 * sizes[0]]
+    return basis[:, sizes > least * sizes[0]]
 
 
 def normal_equations(
@@ -131,6 +131,18 @@ def residual_square(normal: Normal, solution: Solution) -> float:
     """
     x = np.concatenate((solution.coefficients, solution.nuisance))
     return normal.square - 2.0 * float(normal.right @ x) + float(x @ normal.gram @ x)
+
+
+def residual_square_of_part(part: Normal, solution: Solution, known: NDArray[np.bool_]) -> float:
+    """Return the sum of squares of the residual of rows that a solution was not fitted to.
+
+    Nuisance coefficients that are not known, as no row of their record was fitted, are fitted here.
+    """
+    m, x = part.columns, np.concatenate((solution.coefficients, solution.nuisance))
+    free = np.append(np.zeros(m, dtype=bool), ~known & (np.diag(part.gram)[m:] > 0.0))
+    right = part.right[free] - part.gram[free][:, ~free] @ x[~free]
+    x[free] = np.linalg.lstsq(part.gram[free][:, free], right, rcond=None)[0]
+    return residual_square(part, Solution(coefficients=x[:m], nuisance=x[m:]))
 
 
 def solve(
