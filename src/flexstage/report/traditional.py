@@ -5,8 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from flexstage.quantities.quantity import number
-from flexstage.quantities.section import Bullets, Content
-from flexstage.quantities.table import Cell, Column, Table, table
+from flexstage.quantities.table import Bullets, Cell, Column, Content, Table, table
 from flexstage.studies.guided_axes import Mounting
 from flexstage.studies.traditional import (
     LOADS,
