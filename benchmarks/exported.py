@@ -22,7 +22,7 @@ from benchmarks.hysteresis import Route
 from benchmarks.timing import Timed, in_turns
 from flexstage.base.arrays import Array
 from flexstage.export.fmu.fmu_file import fmu_files
-from flexstage.export.realtime.files import operations, realtime_files
+from flexstage.export.realtime import operations, realtime_files
 from flexstage.hysteresis import DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage.designs import design

@@ -93,7 +93,7 @@ class RunFolder:
 
     def _files(self, suffix):
         # not above: writers that are killed import this module in processes of their own
-        from flexstage.instruments.catalogue.folder import run_files
+        from flexstage.instruments.catalogue.catalogue import run_files
 
         return [p for p in run_files(self.path) if p.suffix == suffix]
 

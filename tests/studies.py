@@ -1,9 +1,13 @@
-"""Studies of the built-in stages and their reports, made once in a test process.
+"""Studies of the built-in stages, made once in a test process, and their reports, once in a run.
 
 Tests change nothing in them.
 """
 
 import functools
+import os
+from pathlib import Path
+
+from filelock import FileLock
 
 from flexstage.report import report_html
 from flexstage.report.page import sections_html
@@ -20,8 +24,12 @@ def study_of(name: str) -> Study:
 
 @functools.cache
 def page_of(name: str) -> str:
-    """The report of that study, with its figures."""
-    return report_html(study_of(name))
+    """The report of that study, with its figures: drawn by the first process that asks for it."""
+    file = Path(os.environ["FLEXSTAGE_CACHE"]) / f"report-{name}.html"
+    with FileLock(file.with_suffix(".lock")):
+        if not file.exists():
+            file.write_text(report_html(study_of(name)), "utf-8")
+        return file.read_text("utf-8")
 
 
 def sections_of(study: Study, *keys: str) -> str:

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from flexstage.base.errors import ModelError
 from flexstage.lumped import lumped_system
 from flexstage.quantities.estimate import Estimate
-from flexstage.report.implied_seats import seat_sentences
+from flexstage.report.stacks import seat_sentences
 from flexstage.stage import Stage
 from flexstage.stage.designs import design
 from flexstage.stage.seat import BallSeat, Preload, TipSeat
@@ -206,9 +206,13 @@ def opens(frequency_hz: float) -> tuple[bool, float, bool]:
         shortened = free(t) - u + rest + force_0 / STACK
         if shortened <= 0.0:
             return 0.0
-        # shortened = F/k_s + hertz F^(2/3), a cubic of the root
-        roots = np.roots([1.0 / STACK, hertz, 0.0, -shortened])
-        return float(roots[np.abs(roots.imag) < 1e-9 * np.abs(roots)].real.max()) ** 3
+        # shortened = F/k_s + hertz F^(2/3), a convex cubic of the root: Newton falls onto it
+        root, last = (STACK * shortened) ** (1.0 / 3.0), math.inf
+        while root < last:
+            last = root
+            value = root**2 * (root / STACK + hertz) - shortened
+            root -= value / (root * (3.0 * root / STACK + 2.0 * hertz))
+        return last**3
 
     def motion(t: float, state: np.ndarray) -> list[float]:
         u, v = state

@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 
 from flexstage.base.errors import ModelError
 from flexstage.export.control_object import control_system, linear_part, rest_shape
-from flexstage.export.matlab.files import damping_matrix, matlab_files, matlab_name, sampled_form
+from flexstage.export.matlab import damping_matrix, matlab_files, matlab_name, sampled_form
 from flexstage.hysteresis import BoucWen, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage.designs import design

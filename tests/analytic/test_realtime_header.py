@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError
-from flexstage.export.realtime.files import (
+from flexstage.export.realtime import (
     amalgamated,
     command_span,
     operations,

@@ -14,7 +14,7 @@ import pytest
 from flexstage.base.errors import ModelError
 from flexstage.cli import main
 from flexstage.lumped import lumped_system
-from flexstage.report.figures.working_line import draw_working_line
+from flexstage.report.figures.drives import draw_working_line
 from flexstage.report.stacks import stack_section, stack_tables
 from flexstage.stage import Stage
 from flexstage.stage.designs import design
@@ -25,8 +25,8 @@ from flexstage.studies.models import run_model
 from flexstage.studies.requests import StackOptions, StudyRequest
 from flexstage.studies.stacks import stacks_at_work
 from flexstage.system.analysis import analyse
+from flexstage.system.seated_drives import WorkingLine, working_lines
 from flexstage.system.statics import drive_stiffness
-from flexstage.system.working_line import WorkingLine, working_lines
 
 STAGE = design("vgtu-piezo")
 

@@ -41,13 +41,12 @@ def stage(expansion: float | None = STACK, name: str = "vgtu-piezo", **fields: o
     return replace(design(name), drives=tuple(drives))
 
 
-SYSTEM = bare()[1]
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def test_nothing_moves_where_all_coefficients_are_equal() -> None:
     even = Bench(base=PLATE, holder=PLATE, holder_length=60e-3)
-    drift = thermal_drift(stage(PLATE), SYSTEM, even)
+    drift = thermal_drift(stage(PLATE), bare()[1], even)
     for values in (drift.readings, drift.rotations, drift.forces):
         assert all(abs(v) < 1e-18 for v in values.values())
     # nor where a screw is longer than the distance of its points
@@ -58,10 +57,10 @@ def test_nothing_moves_where_all_coefficients_are_equal() -> None:
 
 def test_an_aluminium_base_leaves_the_load_line_of_the_stacks() -> None:
     """v = -G k/(k + k_in) (alpha_p - alpha_s) L, with the other stack in place."""
-    drift = thermal_drift(stage(), SYSTEM, ALUMINIUM)
+    drift = thermal_drift(stage(), bare()[1], ALUMINIUM)
     exact = np.zeros(2)
     for name in "xy":
-        state = static_displacements(SYSTEM, {name: 1.0}, others="in place")
+        state = static_displacements(bare()[1], {name: 1.0}, others="in place")
         moved = -(PLATE - STACK) * 36e-3 * 50e6 / (50e6 + state.drive_force[name])
         exact += moved * np.array([state.readings[p] for p in "xy"])
         if name == "x":
@@ -84,7 +83,7 @@ def test_an_aluminium_base_leaves_the_load_line_of_the_stacks() -> None:
 def test_the_drift_is_the_one_that_was_found_by_hand(
     base: float, stack: float, x: float, y: float
 ) -> None:
-    drift = thermal_drift(stage(1e-6 * stack), SYSTEM, Bench(base=1e-6 * base))
+    drift = thermal_drift(stage(1e-6 * stack), bare()[1], Bench(base=1e-6 * base))
     assert [1e9 * drift.readings[p] for p in "xy"] == pytest.approx([x, y], rel=0.02, abs=3.0)
 
 
@@ -114,7 +113,7 @@ def test_the_examples_are_the_stages_of_the_study_on_a_bench() -> None:
 
 
 def test_symmetry_removes_the_drift_across_and_none_along() -> None:
-    both, system = stage(), SYSTEM
+    both, system = stage(), bare()[1]
     one = replace(both, drives=(both.drives[0], replace(both.drives[1], thermal_expansion=PLATE)))
     alone = thermal_drift(one, system, ALUMINIUM)
     assert alone.readings["x"] == pytest.approx(-1471e-9, rel=0.02)
@@ -127,18 +126,18 @@ def test_symmetry_removes_the_drift_across_and_none_along() -> None:
 
 def test_seats_take_their_share_by_the_secant() -> None:
     soft = stage(seats=(TipSeat(axial_stiffness=10e6),))
-    readings = thermal_drift(soft, SYSTEM, ALUMINIUM).readings
+    readings = thermal_drift(soft, bare()[1], ALUMINIUM).readings
     assert [1e9 * readings[p] for p in "xy"] == pytest.approx([-1004, -1292], rel=0.02)
     rough = stage(seats=(FlatSeat(roughness_length=0.1e-6),), preload=Preload(force=10.0))
     cooled, warmed = (
-        thermal_drift(rough, SYSTEM, ALUMINIUM, change=c).readings["x"] for c in (-2.0, 2.0)
+        thermal_drift(rough, bare()[1], ALUMINIUM, change=c).readings["x"] for c in (-2.0, 2.0)
     )
     assert abs(warmed) < 0.99 * abs(cooled)  # a seat that opens is softer
 
 
 def test_the_holder_of_the_sensors_moves_them_along_each_axis() -> None:
     plain, steel = (
-        thermal_drift(stage(), SYSTEM, b).readings
+        thermal_drift(stage(), bare()[1], b).readings
         for b in (ALUMINIUM, Bench(base=PLATE, holder=11.5e-6, holder_length=60e-3))
     )
     for p in "xy":
@@ -148,12 +147,12 @@ def test_the_holder_of_the_sensors_moves_them_along_each_axis() -> None:
     probes = (replace(relative.probes[0], relative_to="PX"), *relative.probes[1:])
     with_own = replace(relative, probes=probes)
     bench = Bench(base=PLATE, holder=11.5e-6, holder_length=60e-3)
-    assert thermal_drift(with_own, SYSTEM, bench).readings["x"] == pytest.approx(plain["x"])
+    assert thermal_drift(with_own, bare()[1], bench).readings["x"] == pytest.approx(plain["x"])
 
 
 def test_the_uncertainty_is_that_of_the_coefficients_in_quadrature() -> None:
     known = stage(thermal_expansion_uncertainty=0.72e-6)
-    drift = thermal_drift(known, SYSTEM, ALUMINIUM)
+    drift = thermal_drift(known, bare()[1], ALUMINIUM)
     up, right = (
         thermal_drift(
             replace(
@@ -163,7 +162,7 @@ def test_the_uncertainty_is_that_of_the_coefficients_in_quadrature() -> None:
                     for d in known.drives
                 ),
             ),
-            SYSTEM,
+            bare()[1],
             ALUMINIUM,
         )
         for name in "xy"
@@ -173,12 +172,12 @@ def test_the_uncertainty_is_that_of_the_coefficients_in_quadrature() -> None:
     )
     assert drift.readings_uncertainty["y"] == pytest.approx(expected, rel=1e-9)
     assert drift.readings_uncertainty["x"] == pytest.approx(39e-9, rel=0.02)
-    assert not any(thermal_drift(stage(), SYSTEM, ALUMINIUM).rotations_uncertainty.values())
+    assert not any(thermal_drift(stage(), bare()[1], ALUMINIUM).rotations_uncertainty.values())
 
 
 def test_the_analysis_has_a_row_with_its_conditions_and_only_on_a_bench() -> None:
     known = replace(stage(thermal_expansion_uncertainty=0.72e-6), bench=ALUMINIUM)
-    table = analyse(known, SYSTEM)
+    table = analyse(known, bare()[1])
     row = next(
         r for r in table.characteristics if (r.quantity, r.axis) == ("thermal_drift_in_place", "x")
     )
@@ -189,7 +188,7 @@ def test_the_analysis_has_a_row_with_its_conditions_and_only_on_a_bench() -> Non
     turns = table.characteristics.value("thermal_rotation_in_place", "y")
     assert turns == pytest.approx(-0.83e-6, rel=0.02)
     # the tables of stages without a bench do not change
-    plain = analyse(bare()[0], SYSTEM)
+    plain = analyse(bare()[0], bare()[1])
     assert not any("in_place" in r.quantity for r in plain.characteristics)
     assert not any("drives in place is omitted" in note for note in plain.validity)
 
@@ -199,7 +198,7 @@ def test_a_preload_that_temperature_takes_away_is_named() -> None:
         seats = (FlatSeat(roughness_length=0.1e-9),)
         held = stage(seats=seats, preload=Preload(force=preload))
         on = replace(held, bench=replace(ALUMINIUM, temperature_change=5.0))
-        return [n for n in analyse(on, SYSTEM).validity if "lifts off" in n]
+        return [n for n in analyse(on, bare()[1]).validity if "lifts off" in n]
 
     assert not notes(50.0)
     (x,) = notes(10.0)
@@ -217,10 +216,10 @@ def test_what_gives_no_drift_is_said_in_one_sentence() -> None:
     with pytest.raises(ModelError, match="the lumped model does not expand: choose superelement"):
         thermal_drift(on, lumped_system(on))
     with pytest.raises(ModelError, match="thermal_expansion of the drive 'x' is not given: add"):
-        thermal_drift(bare()[0], SYSTEM, ALUMINIUM)
+        thermal_drift(bare()[0], bare()[1], ALUMINIUM)
     dead = replace(on, material=replace(on.material, thermal_expansion=None))
     with pytest.raises(ModelError, match="gives no thermal_expansion other than 0"):
-        thermal_drift(dead, SYSTEM)
+        thermal_drift(dead, bare()[1])
 
 
 def test_stage_files_and_the_option_name_the_bench(tmp_path) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError
-from flexstage.quantities.section import Section
+from flexstage.quantities.table import Section
 from flexstage.report.page import sections_html
 from flexstage.report.traditional import claim_table, drift_table, error_table, other_table
 from flexstage.stage.checks import check

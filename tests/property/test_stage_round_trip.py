@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from flexstage.base.errors import StageError
 from flexstage.base.provenance import content_hash
-from flexstage.files.yaml_text import yaml_text
+from flexstage.files.encoder import yaml_text
 from flexstage.stage import Stage
 from flexstage.stage.file import STAGE_FILE, read_stage, stage_from_text, stage_to_text, write_stage
 from tests.reference_stages import NAMES, reference_stage

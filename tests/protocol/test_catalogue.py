@@ -12,7 +12,7 @@ import pytest
 import sqlalchemy as sa
 
 from flexstage.base.errors import NotConnectedError, RecordError
-from flexstage.instruments.catalogue.catalogue import Catalogue
+from flexstage.instruments.catalogue.catalogue import Catalogue, enter_folder, folder_entries
 from flexstage.instruments.catalogue.database import (
     METADATA,
     VERSION,
@@ -25,7 +25,6 @@ from flexstage.instruments.catalogue.entries import (
     RunEntry,
     StageEntry,
 )
-from flexstage.instruments.catalogue.folder import enter_folder, folder_entries
 from flexstage.instruments.recording.archive import archived
 from tests.postgresql import database, postgresql_server  # noqa: F401
 from tests.recordings import RunFolder, metadata, truth, writer, written

@@ -11,7 +11,7 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.cli import main
-from flexstage.quantities.section import Picture
+from flexstage.quantities.table import Picture
 from flexstage.report.figures.sensitivity import draw_moving_necks, draw_sensitivities
 from flexstage.report.page import draw_picture, typeset
 from flexstage.report.sensitivity import sensitivity_table

@@ -21,7 +21,7 @@ from flexstage.cli import main
 from flexstage.export.diagram.svg import diagram_files
 from flexstage.export.fmu.fmu_file import fmu_files
 from flexstage.export.fmu.layout import plain_names
-from flexstage.export.matlab.files import matlab_files
+from flexstage.export.matlab import matlab_files
 from flexstage.export.step import step_files
 from flexstage.files.names import file_name, file_names
 from flexstage.files.write import write_files

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from flexstage.export.matlab.files import matlab_files
+from flexstage.export.matlab import matlab_files
 from flexstage.hysteresis import Amplifier, BoucWen, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage.designs import design

@@ -16,7 +16,7 @@ from flexstage.fem.geometry import MOUNTING
 from flexstage.fem.sampling import Sampler
 from flexstage.fem.whole_stage import RefinementStep
 from flexstage.quantities.quantity import number
-from flexstage.quantities.section import Picture, Pictures
+from flexstage.quantities.table import Picture, Pictures
 from flexstage.report import report_html
 from flexstage.report.figures.fields import changes, draw_convergence, draw_fe_modes, out_of_plane
 from flexstage.report.figures.hinges import draw_neck_stress, worst_necks

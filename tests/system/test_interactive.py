@@ -21,8 +21,8 @@ from flexstage.centring import exact_error
 from flexstage.experiments import Campaign, Columns, Test
 from flexstage.experiments.campaign.plan import campaign_text
 from flexstage.records import Channel, Record
-from flexstage.report.notebook.hinge_result import HingeResult
 from flexstage.report.notebook.jobs import StageAnalysis, StageStudy
+from flexstage.report.notebook.show import HingeResult
 from flexstage.stage import write_stage
 
 LONGEST = 600  # characters of a text on a few lines

@@ -16,12 +16,10 @@ from flexstage.base.errors import ModelError
 from flexstage.stage.designs import StageTemplate
 from flexstage.web.bench.state import BenchForms
 from flexstage.web.design.state import DesignState
-from flexstage.web.emergency_stop import EmergencyStop
 from flexstage.web.figures import chart_figure
-from flexstage.web.jobs import Jobs
+from flexstage.web.jobs import EmergencyStop, Jobs
 from flexstage.web.page import pages_of
-from flexstage.web.preferences import Preferences
-from flexstage.web.sessions import Access, History
+from flexstage.web.sessions import Access, History, Preferences
 from flexstage.web.uploads import plain_name, require_ending
 from flexstage.web.views import VIEWS
 from tests.panel import simulated

@@ -29,7 +29,7 @@ from flexstage.web.analyse.work import (
     save_archive,
 )
 from flexstage.web.design.state import DesignState, Variant
-from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Preferences
 from flexstage.web.views.analyse import errors_table, meshes_table
 from tests.panel import come, looked_at, simulated
 

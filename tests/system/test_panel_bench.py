@@ -39,8 +39,7 @@ from flexstage.web.bench.runs import (
     take_record,
     waveform_from,
 )
-from flexstage.web.emergency_stop import EmergencyStop
-from flexstage.web.jobs import Jobs
+from flexstage.web.jobs import EmergencyStop, Jobs
 from flexstage.web.views.bench import run_name
 from tests.panel import browser, come, looked_at, open_piezo_stage, served, simulated, until
 from tests.simple_instrument import GAINS, SimpleInstrument

@@ -25,7 +25,7 @@ from flexstage.web.centring.work import (
     simulated_record,
     stage_position,
 )
-from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Preferences
 from flexstage.web.views.centring import figures, position_text, turns_table
 from tests.panel import looked_at, simulated, until
 from tests.undrawn import undrawn
@@ -184,8 +184,7 @@ def test_a_turn_is_found_again_after_a_reload(tmp_path: Path) -> None:
 def test_the_bench_moves_only_for_who_drives_and_within_limits(tmp_path: Path) -> None:
     from flexstage.stage.designs import design
     from flexstage.web.bench.link import BenchLink
-    from flexstage.web.emergency_stop import EmergencyStop
-    from flexstage.web.jobs import Jobs
+    from flexstage.web.jobs import EmergencyStop, Jobs
 
     jobs = Jobs()
     bench = BenchLink(EmergencyStop(), jobs)

@@ -31,7 +31,7 @@ from flexstage.web.design.work import (
     stage_file,
     template_of,
 )
-from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Preferences
 from tests.panel import simulated
 
 GUIDE = StageTemplate.of("parallelogram")

@@ -24,16 +24,17 @@ from flexstage.studies.explore.requests import (
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, samples_table
 from flexstage.web.explore.results import equivalent_command
-from flexstage.web.explore.stage_summary import StageSummary, summarise_stage
 from flexstage.web.explore.state import (
     ExploreForm,
     ExploreState,
     RangeInput,
     RequirementInput,
+    StageSummary,
     default_forms,
+    summarise_stage,
 )
 from flexstage.web.explore.work import run_exploration
-from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Preferences
 from tests.panel import come, looked_at, simulated
 from tests.system.test_panel_browser import undo_to
 

@@ -10,8 +10,17 @@ import pytest
 from matplotlib.figure import Figure
 
 from flexstage.base.errors import ModelError
-from flexstage.quantities.section import Bullets, Definitions, Picture, Pictures, Section
-from flexstage.quantities.table import Cell, Column, Table, table
+from flexstage.quantities.table import (
+    Bullets,
+    Cell,
+    Column,
+    Definitions,
+    Picture,
+    Pictures,
+    Section,
+    Table,
+    table,
+)
 from flexstage.records import Channel, Record
 from flexstage.report.figures.identification import draw_record
 from flexstage.report.figures.style import new_figure

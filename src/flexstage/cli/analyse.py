@@ -108,8 +108,7 @@ def _write_files(
 
 
 def _print(screen: "Console", run: "ModelRun") -> None:
-    from flexstage.report.implied_seats import seat_sentences
-    from flexstage.report.stacks import stack_tables
+    from flexstage.report.stacks import seat_sentences, stack_tables
 
     analysis = run.analysis
     _characteristics(screen, analysis)

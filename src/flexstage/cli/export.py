@@ -47,7 +47,7 @@ def export(
     if is_coupled_model(model):
         other = options != AS_DESCRIBED or request != ExportRequest(to=request.to)
         refuse(other, "a model of coupled drives has no options of a stage: omit them", ModelError)
-        from flexstage.export.coupled.files import coupled_files
+        from flexstage.export.coupled import coupled_files
         from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
 
         name, notes = model.stem, ()

@@ -128,8 +128,7 @@ def add(
     folders
         FOLDER...: Folders of runs with their records.
     """
-    from flexstage.instruments.catalogue.catalogue import Catalogue
-    from flexstage.instruments.catalogue.folder import folder_entries
+    from flexstage.instruments.catalogue.catalogue import Catalogue, folder_entries
 
     results = [folder_entries(folder) for folder in folders]
     entries = [entry for run_entries, _ in results for entry in run_entries]

@@ -28,9 +28,8 @@ from flexstage.files.names import file_name
 from flexstage.files.plain import json_text
 from flexstage.files.request import request_of
 from flexstage.files.write import write_whole
-from flexstage.instruments.catalogue.catalogue import Catalogue
+from flexstage.instruments.catalogue.catalogue import Catalogue, enter_folder
 from flexstage.instruments.catalogue.entries import StageEntry
-from flexstage.instruments.catalogue.folder import enter_folder
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.lock import folder_lock, instrument_lock
 from flexstage.instruments.protocol import Capability, Identity, Instrument

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import TestResult
     from flexstage.instruments.catalogue.entries import ModelEntry, StageEntry
     from flexstage.quantities.characteristic import MeasuredCharacteristic
-    from flexstage.quantities.section import Section
-    from flexstage.quantities.table import Table
+    from flexstage.quantities.table import Section, Table
     from flexstage.stage import Stage
 
 

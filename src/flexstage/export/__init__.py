@@ -13,14 +13,14 @@ from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.export.control_object import control_system
-    from flexstage.export.coupled.files import coupled_files
+    from flexstage.export.coupled import coupled_files
     from flexstage.export.diagram.stage_diagram import stage_diagram
     from flexstage.export.diagram.svg import diagram_files
     from flexstage.export.drawing.dxf import dxf_files
     from flexstage.export.fmu.fmu_file import fmu_files
-    from flexstage.export.matlab.files import matlab_files
+    from flexstage.export.matlab import matlab_files
     from flexstage.export.modal_file import universal_files
-    from flexstage.export.realtime.files import realtime_files
+    from flexstage.export.realtime import realtime_files
     from flexstage.export.simulink.files import simulink_files
     from flexstage.export.step import step_files
     from flexstage.export.tables import table_files

@@ -14,9 +14,9 @@ from flexstage.base.choose import did_you_mean
 from flexstage.base.errors import ModelError
 from flexstage.files import nodes
 from flexstage.files.decoder import Decoder, read, read_file, show
+from flexstage.files.encoder import plain_dumper
 from flexstage.files.format import Form, Format
 from flexstage.files.nodes import Node, Scalar
-from flexstage.files.yaml_text import plain_dumper
 from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep, Start
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes

@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.instruments.catalogue.catalogue import Catalogue
+    from flexstage.instruments.catalogue.catalogue import Catalogue, enter_folder
     from flexstage.instruments.catalogue.entries import CalibrationEntry, StageEntry
-    from flexstage.instruments.catalogue.folder import enter_folder
     from flexstage.instruments.connect import connect
     from flexstage.instruments.guard import guarded
     from flexstage.instruments.ni.address import open_address

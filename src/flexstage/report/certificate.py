@@ -12,8 +12,7 @@ from flexstage.centring.calibration_table import Division, listed
 from flexstage.centring.geometry import ARCSEC
 from flexstage.centring.requests import CertificateRequest
 from flexstage.quantities.quantity import number
-from flexstage.quantities.section import Bullets, Content, Definitions, Picture, Section
-from flexstage.quantities.table import Table, table
+from flexstage.quantities.table import Bullets, Content, Definitions, Picture, Section, Table, table
 from flexstage.report.page import page_html
 
 #: Rows of a table of errors on the page; finer tables give every so many points.

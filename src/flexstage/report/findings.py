@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING
 from flexstage.base.choose import listed
 from flexstage.quantities.comparison import ComparisonRow
 from flexstage.quantities.quantity import display, number
-from flexstage.quantities.section import Picture
-from flexstage.quantities.table import Cell, Table, table
+from flexstage.quantities.table import Cell, Picture, Table, table
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.tracking import draw_loop
-from flexstage.report.implied_seats import seat_sentences
+from flexstage.report.stacks import seat_sentences
 from flexstage.report.tables import MANUFACTURE, kind_cell, percent
 from flexstage.stage.designs.vgtu import predicted_ranges
 from flexstage.studies.measurement import MeasurementComparison

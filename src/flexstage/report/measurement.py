@@ -11,8 +11,18 @@ from flexstage.files.cache.memory import Memory
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities.characteristic import shown_units
 from flexstage.quantities.quantity import Quantity, display, number, value_and_uncertainty
-from flexstage.quantities.section import Bullets, Content, Definitions, Picture, Pictures, Section
-from flexstage.quantities.table import Cell, Column, Table, table
+from flexstage.quantities.table import (
+    Bullets,
+    Cell,
+    Column,
+    Content,
+    Definitions,
+    Picture,
+    Pictures,
+    Section,
+    Table,
+    table,
+)
 from flexstage.quantities.units import readable
 from flexstage.report.page import page_html
 from flexstage.report.tables import column_group, column_title

@@ -9,8 +9,7 @@ from flexstage.base.errors import ModelError
 from flexstage.base.lazy import require_extra
 from flexstage.base.version import __version__
 from flexstage.quantities.quantity import number
-from flexstage.quantities.section import Picture, Section
-from flexstage.quantities.table import Column, Table, table
+from flexstage.quantities.table import Column, Picture, Section, Table, table
 from flexstage.report.page import page_html
 from flexstage.report.sweep import INSTRUCTIONS, parallel_coordinates
 from flexstage.studies.explore.figures import Figure, Requirement

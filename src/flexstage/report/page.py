@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.base.errors import ModelError
 from flexstage.files.cache.memory import Memory
-from flexstage.quantities.section import Picture, Section
-from flexstage.quantities.table import Table
+from flexstage.quantities.table import Picture, Section, Table
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -147,10 +146,10 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ModalFit", ""): ("modal_fit.draw_modal_fit", "fit"),
     ("ModalFit", "resonance"): ("modal_fit.draw_resonance", "fit"),
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
-    ("CoupledPredictions", ""): ("coupled_drives.draw_coupled_prediction", "result"),
-    ("CoupledCommand", ""): ("coupled_drives.draw_coupled_command", "result"),
-    ("OscillatorIdentification", ""): ("coupled_drives.draw_coupled_prediction", "result=fitted"),
-    ("CoupledDriveIdentification", ""): ("coupled_drives.draw_coupled_drives", "result"),
+    ("CoupledPredictions", ""): ("drives.draw_coupled_prediction", "result"),
+    ("CoupledCommand", ""): ("drives.draw_coupled_command", "result"),
+    ("OscillatorIdentification", ""): ("drives.draw_coupled_prediction", "result=fitted"),
+    ("CoupledDriveIdentification", ""): ("drives.draw_coupled_drives", "result"),
     ("Calibration", ""): ("centring.draw_calibration", "calibration"),
     ("CentredRecords", ""): ("centring.draw_centred", "centred"),
     ("CompensationCommand", ""): (

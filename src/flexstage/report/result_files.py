@@ -15,9 +15,9 @@ from flexstage.base.lazy import require_extra
 from flexstage.files.names import file_names
 from flexstage.files.plain import json_text
 from flexstage.report.figures.body_motion import draw_reachable_area
+from flexstage.report.figures.drives import draw_working_line
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.style import encode
-from flexstage.report.figures.working_line import draw_working_line
 from flexstage.report.optimise import front_html
 from flexstage.report.sweep import sweep_html
 from flexstage.report.tolerance import tolerance_page

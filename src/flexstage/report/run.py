@@ -10,8 +10,7 @@ from flexstage.experiments.results import PlanResult
 from flexstage.experiments.verbs import VERBS
 from flexstage.quantities.characteristic import in_order
 from flexstage.quantities.quantity import display, number, value_and_uncertainty
-from flexstage.quantities.section import Content, Definitions, Section
-from flexstage.quantities.table import Table, table
+from flexstage.quantities.table import Content, Definitions, Section, Table, table
 from flexstage.report.measurement import measurement_section
 from flexstage.report.page import page_html
 from flexstage.studies.measurement import compare_plan

@@ -7,7 +7,7 @@ from typing import Any
 
 from flexstage.files.cache.memory import Memory
 from flexstage.quantities.quantity import QUANTITIES
-from flexstage.quantities.section import Bullets, Content, Definitions, Picture, Pictures, Section
+from flexstage.quantities.table import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.report import findings
 from flexstage.report.figures.body_motion import (
     body_outlines,

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from flexstage.base.errors import FlexstageError
 from flexstage.quantities.characteristic import measured_value
 from flexstage.quantities.quantity import display, number, value_and_uncertainty
-from flexstage.quantities.section import Content, Picture, Pictures
-from flexstage.quantities.table import Column, Table, table
+from flexstage.quantities.table import Column, Content, Picture, Pictures, Table, table
 from flexstage.report.figures.centring import draw_polar
 from flexstage.report.figures.fields import draw_convergence, draw_fe_modes
 from flexstage.report.figures.hinges import draw_neck_stress, neck_sampler

@@ -11,8 +11,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.base.lazy import require_extra
 from flexstage.base.version import __version__
-from flexstage.quantities.section import Definitions, Picture, Section
-from flexstage.quantities.table import Table, table
+from flexstage.quantities.table import Definitions, Picture, Section, Table, table
 from flexstage.report.figures.style import CYCLE, INK, PAPER
 from flexstage.report.page import page_html
 from flexstage.report.tables import LUMPED_NOTE, value_text

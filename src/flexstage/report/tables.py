@@ -14,8 +14,7 @@ from flexstage.quantities.comparison import (
     shared_rows,
 )
 from flexstage.quantities.quantity import Quantity, display, number
-from flexstage.quantities.section import Content, Picture
-from flexstage.quantities.table import Cell, Column, Table, table
+from flexstage.quantities.table import Cell, Column, Content, Picture, Table, table
 from flexstage.quantities.units import DIMENSIONS, readable_text
 from flexstage.stage import Stage
 from flexstage.stage.designs.vgtu import PredictedRanges

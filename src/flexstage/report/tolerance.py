@@ -5,8 +5,7 @@ from collections.abc import Iterator
 
 from flexstage.base.version import __version__
 from flexstage.quantities.quantity import number
-from flexstage.quantities.section import Bullets, Picture, Section
-from flexstage.quantities.table import Table, table
+from flexstage.quantities.table import Bullets, Picture, Section, Table, table
 from flexstage.report.page import page_html
 from flexstage.report.tables import value_text
 from flexstage.studies.explore.deviations import KINDS, LABELS, scatter_dimensions

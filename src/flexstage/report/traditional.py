@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from flexstage.base.choose import listed
 from flexstage.quantities.quantity import number
-from flexstage.quantities.section import Bullets, Content
-from flexstage.quantities.table import Cell, Column, Table, table
+from flexstage.quantities.table import Bullets, Cell, Column, Content, Table, table
 from flexstage.stage.designs.vgtu import predicted_ranges
 from flexstage.studies.guided_axes import Mounting
 from flexstage.studies.traditional import (

@@ -15,7 +15,7 @@ from typing import Any
 
 from flexstage.base.errors import FlexstageError, StageError
 from flexstage.files.decoder import Decoder, read
-from flexstage.files.encoder import Encoder, same
+from flexstage.files.encoder import Encoder, Number, same, yaml_text
 from flexstage.files.format import Form, Format, check_name, field_types
 from flexstage.files.forms import FORMS
 from flexstage.files.nodes import Mapping as MappingNode
@@ -24,7 +24,6 @@ from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.parameters import FileParameter, overridden, require_known, settings_of
 from flexstage.files.schema import SchemaBuilder, file_schema
 from flexstage.files.write import write_whole
-from flexstage.files.yaml_text import Number, yaml_text
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import PROFILES
 from flexstage.quantities.units import DIMENSIONS

@@ -244,15 +244,6 @@ def virtual_experiment(
     ------
     ModelError
         The axis has no piezo stack with a voltage range, or the stage cannot be actuated.
-
-    Examples
-    --------
-    >>> from flexstage.stage.designs import design
-    >>> from flexstage.lumped import lumped_system
-    >>> stage = design("vgtu-piezo")
-    >>> experiment = virtual_experiment(stage, lumped_system(stage), "x")
-    >>> experiment.open_loop.loop_width > 7e-6, experiment.runs[0].reduction_percent > 93.0
-    (True, True)
     """
     bench = driven_axis(stage, system, axis, seed=seed)
     first = _study_record(bench)

@@ -29,8 +29,8 @@ from flexstage.system import Analysis
 #: Share of the allowed eccentricity that steps of the two axes together, and forces of rotation,
 #: may take.
 STEP_SHARE, ROTATION_SHARE = 0.5, 0.1
-#: Share of its stroke by which an elastic drive may give way to an optimised stage.
-_GIVEN_WAY = 0.1
+#: Share of its stroke that an elastic drive may lose to an optimised stage.
+_LOST_STROKE = 0.1
 #: Axes of a stage that moves a scale in its plane.
 _PLANAR = {"x", "y"}
 
@@ -275,7 +275,7 @@ _FIGURES = {
 def needs_as_constraints(table: RotaryTable, stage: Stage) -> Iterator[tuple[str, str]]:
     """Return the needs of a table as figures and constraints of an optimisation of a stage.
 
-    An elastic drive may give way by a tenth of its stroke, which is added to the stroke. Width and
+    An elastic drive may lose a tenth of its stroke, which is added to the stroke. Width and
     height within the diameter of the circle do not yet put the corners inside it.
     """
     for need in common_needs(table, allowed_eccentricity(table)):
@@ -285,8 +285,8 @@ def needs_as_constraints(table: RotaryTable, stage: Stage) -> Iterator[tuple[str
                 limit = need.limit
                 spring = _spring(stage, axis) if need.what == "stroke" else None
                 if spring:
-                    limit /= 1.0 - _GIVEN_WAY
-                    most = spring * _GIVEN_WAY / (1.0 - _GIVEN_WAY)
+                    limit /= 1.0 - _LOST_STROKE
+                    most = spring * _LOST_STROKE / (1.0 - _LOST_STROKE)
                     yield "input_stiffness", f"input_stiffness.{axis} <= {most!r} N/m"
                 end = f".{axis}" if axis else ""
                 yield quantity, f"{quantity}{end} {sign} {limit!r} {need.unit}"
@@ -336,7 +336,7 @@ def judge(table: RotaryTable, allowed: float, analysis: Analysis) -> JudgedStage
 
 
 def _stroke(stage: Stage, figures: dict[tuple[str, str], float], axis: str) -> float | None:
-    """Return the stroke of an axis [m], less what an elastic drive gives way to the stage."""
+    """Return the stroke of an axis [m], less the compression of an elastic drive."""
     working = figures.get(("working_displacement", axis))
     if working is not None:
         return abs(working)

@@ -12,7 +12,7 @@ from flexstage.stage.stack_supply import StackSupply
 from flexstage.studies.requests import StackOptions
 from flexstage.system import Analysis
 from flexstage.system.characteristics import axis_mode
-from flexstage.system.working_line import WorkingLine, working_lines
+from flexstage.system.seated_drives import WorkingLine, working_lines
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -91,7 +91,9 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     states = axis_states(stage, system)
     # without drives the three conditions are one
     conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
-    every = {c: modes(system, drives=c, count=None) for c in conditions}
+    every: dict[DriveCondition, Modes] = {
+        c: modes(system, drives=c, count=None) for c in conditions
+    }
     lowest_modes: dict[DriveCondition, Modes] = {
         c: every[c].lowest(MODES_SEARCHED) for c in conditions
     }

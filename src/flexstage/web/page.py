@@ -15,11 +15,9 @@ from nicegui.elements.mixins.text_element import TextElement
 from flexstage.base.errors import FlexstageError
 from flexstage.report.page import typeset
 from flexstage.web.access_control import SESSION
-from flexstage.web.emergency_stop import EmergencyStop
-from flexstage.web.jobs import BackgroundJob, Jobs
+from flexstage.web.jobs import BackgroundJob, EmergencyStop, Jobs
 from flexstage.web.options import PanelOptions
-from flexstage.web.preferences import Preferences
-from flexstage.web.sessions import Access, Session, States
+from flexstage.web.sessions import Access, Preferences, Session, States
 
 _JOB_INTERVAL = 0.25  # between two looks at a job [s]
 _OPTION = re.compile(r"`[^`]*`|(?<![\w-])--([a-z][a-z-]*[a-z])")

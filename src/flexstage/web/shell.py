@@ -14,7 +14,7 @@ from flexstage.report.figures.style import css_variables
 from flexstage.web.access_control import SESSION
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import Page, Panel, PanelHeading, choice, pages_of, quiet_button, show_job
-from flexstage.web.preferences import ANGLES, AUTOMATIC, LENGTHS, THEMES
+from flexstage.web.sessions import ANGLES, AUTOMATIC, LENGTHS, THEMES
 from flexstage.web.views import START, VIEWS, PanelView
 
 

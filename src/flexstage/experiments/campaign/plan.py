@@ -98,13 +98,13 @@ KINDS: dict[str, KindOfTest] = {
     ),
     "response": KindOfTest(
         what="hammer, sweep or noise: natural frequencies and damping",
-        evaluated_by="response.evaluate_response",
+        evaluated_by="motion.evaluate_response",
         over=("time", "frequency"),
         sensors=(),
     ),
     "ring-down": KindOfTest(
         what="free decay: natural frequencies and damping",
-        evaluated_by="response.evaluate_ring_down",
+        evaluated_by="motion.evaluate_ring_down",
     ),
     "workspace": KindOfTest(
         what="repeated visits of the corners: area, squareness",

@@ -35,14 +35,13 @@ from flexstage.files.ranges import POSITIVE, Range, Seed, require_ranges
 from flexstage.files.write import write_whole
 from flexstage.instruments.protocol import Capability, Instrument
 from flexstage.instruments.ramp import lead_to
-from flexstage.quantities.section import Section
-from flexstage.quantities.table import table
+from flexstage.quantities.table import Section, table
 from flexstage.quantities.units import DIMENSIONS, Angle, Length, Time
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
     from flexstage.centring.procedure import CentreReading
-    from flexstage.quantities.section import Content
+    from flexstage.quantities.table import Content
     from flexstage.virtual.table import VirtualTable
 
 

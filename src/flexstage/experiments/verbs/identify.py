@@ -20,8 +20,7 @@ from flexstage.files.write import write_whole
 from flexstage.hysteresis.requests import IdentifyRequest
 from flexstage.quantities.characteristic import measured_value
 from flexstage.quantities.quantity import number
-from flexstage.quantities.section import Bullets, Picture, Pictures, Section
-from flexstage.quantities.table import Column, table
+from flexstage.quantities.table import Bullets, Column, Picture, Pictures, Section, table
 
 if TYPE_CHECKING:
     from flexstage.hysteresis import DriveModel

@@ -20,8 +20,7 @@ from flexstage.experiments.verb import (
 from flexstage.files.plain import picked
 from flexstage.files.ranges import Range
 from flexstage.quantities.quantity import number
-from flexstage.quantities.section import Section
-from flexstage.quantities.table import Column, table
+from flexstage.quantities.table import Column, Section, table
 from flexstage.quantities.units import Frequency
 from flexstage.records import Record, read_record
 

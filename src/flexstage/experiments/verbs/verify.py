@@ -32,8 +32,7 @@ from flexstage.files.ranges import Range, require_ranges
 from flexstage.quantities.characteristic import MeasuredCharacteristic, measured_value
 from flexstage.quantities.estimate import Component, Estimate
 from flexstage.quantities.quantity import number
-from flexstage.quantities.section import Bullets, Picture, Pictures, Section
-from flexstage.quantities.table import Column, Table, table
+from flexstage.quantities.table import Bullets, Column, Picture, Pictures, Section, Table, table
 from flexstage.records import Record, read_record
 
 if TYPE_CHECKING:

@@ -70,7 +70,7 @@ _FASTER = 3.0
 _LAGS_PER_DECADE = 2
 #: ... and decays of these that are less than this apart from those of others are no columns.
 _SIMILAR = 1e-2
-#: Parts of the cycles of one or two records that are left out in turn, and runs of neighbours in
+#: Parts of the cycles of one or two records that are omitted in turn, and runs of neighbours in
 #: each: small ones, so that the offset of a record is not extrapolated.
 _SPECTRUM_PARTS, _SPECTRUM_RUNS = 12, 3
 #: Times that the grid of delays is refined about the best one, by half.
@@ -425,16 +425,16 @@ class SpectrumFit:
 
     def best(self, delays: Array) -> tuple[ChainValues, float]:
         """Return the best chain, by its delay on a grid that is refined, and its mean square."""
-        found: dict[float, tuple[Array, float]] = {}
+        solved: dict[float, tuple[Array, float]] = {}
         weights, grid, best = np.full(self._times.size, 0.01), delays, 0.0
         for _ in range(_REFINEMENTS + 1):
             for delay, (normal,) in zip(grid, self._equations(grid, self._lags), strict=True):
-                found[float(delay)] = self._weights(normal, weights)
-                weights = found[float(delay)][0]
-            best = min(found, key=lambda d: found[d][1])
-            at = np.array(sorted(found))
+                solved[float(delay)] = self._weights(normal, weights)
+                weights = solved[float(delay)][0]
+            best = min(solved, key=lambda d: solved[d][1])
+            at = np.array(sorted(solved))
             near = np.concatenate((at[at < best][-1:], at[at > best][:1]))
-            weights, grid = found[best][0], 0.5 * (best + near)
+            weights, grid = solved[best][0], 0.5 * (best + near)
             if grid.size == 0:
                 break
         chain, used = replace(self._modes, delay=best), weights > 0.0
@@ -442,7 +442,7 @@ class SpectrumFit:
             spectrum = CreepSpectrum(times=tuple(self._times[used]), weights=tuple(weights[used]))
             rate = spectrum.rate_per_decade
             chain = replace(chain, spectrum=spectrum, creep_per_decade=rate)
-        return chain, found[best][1]
+        return chain, solved[best][1]
 
     def squares(self, chain: ChainValues) -> tuple[float, float]:
         """Return the mean square behind a chain, and with a common offset if records have one."""
@@ -452,7 +452,7 @@ class SpectrumFit:
         return square, square + variance_of_offsets(self._data, solution)
 
     def left_out(self, chain: ChainValues) -> Array:
-        """Return the mean squares behind a chain of parts that are left out in turn."""
+        """Return the mean squares behind a chain of parts that are omitted in turn."""
         ((total, *others),), factors = self._of_chain(chain, parts=True)
         return self._left_out(total, others, [factors] * len(others))
 

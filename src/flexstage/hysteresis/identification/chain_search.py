@@ -310,11 +310,11 @@ def with_spectrum(
     rates = data.rates_hz
     if len(rates) < 2:
         return data, estimate
-    found = None
+    joint = None
     if len(rates) > 2 and "delay" in estimate.searched:
-        found = _joint_spectrum(data, estimate, train)
-    if found is not None:
-        return found
+        joint = _joint_spectrum(data, estimate, train)
+    if joint is not None:
+        return joint
     fit = SpectrumFit(data, estimate.values, train, joint=False)
     chain, _ = fit.best(np.array([estimate.values.delay]))
     before, after = fit.left_out(estimate.values), fit.of_parts(chain, 0.0)[0]

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from flexstage.base.lazy import import_on_use, names_for_types
 
 if TYPE_CHECKING:
-    from flexstage.report.notebook.hinge_result import hinge as hinge
     from flexstage.report.notebook.jobs import analyse as analyse
     from flexstage.report.notebook.jobs import centre as centre
     from flexstage.report.notebook.jobs import characterise as characterise
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from flexstage.report.notebook.jobs import sweep as sweep
     from flexstage.report.notebook.jobs import tolerance as tolerance
     from flexstage.report.notebook.show import draw as draw
+    from flexstage.report.notebook.show import hinge as hinge
     from flexstage.report.notebook.show import read as read
     from flexstage.stage.designs.registry import design as design
 

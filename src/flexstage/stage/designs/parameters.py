@@ -5,10 +5,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, is_dataclass
 from typing import Any
 
-from flexstage.files.encoder import Encoder
+from flexstage.files.encoder import Encoder, flow_text
 from flexstage.files.format import dimension_of, field_types, members, optional_part, required
 from flexstage.files.schema import field_texts
-from flexstage.files.yaml_text import flow_text
 from flexstage.quantities.units import readable_text
 from flexstage.stage import Stage
 from flexstage.stage.file import STAGE_FILE

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Self
 
 from flexstage.base.choose import nearest
 from flexstage.base.errors import FlexstageError, StageError
+from flexstage.files.encoder import flow_text
 from flexstage.files.expression import dimension_named
 from flexstage.files.nodes import Mapping as MappingNode
 from flexstage.files.nodes import Node, Scalar, parse_yaml, plain, read_text
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.parameters import require_known, settings_of
-from flexstage.files.yaml_text import flow_text
 from flexstage.quantities.units import DIMENSIONS, to_text
 from flexstage.stage import Stage, stage_from_text, stage_to_text
 from flexstage.stage.designs.parameters import (

@@ -335,7 +335,7 @@ class PredictedRanges:
     values: Mapping[tuple[str, str], tuple[float, float]]
     """Ends of the range by quantity and axis, in the unit of the quantity."""
     source: str
-    """Origin of the ranges, in a sentence."""
+    """Origin of the ranges."""
 
     def text(self, quantity: str, axis: str, factor: float) -> str:
         """Return a range such as "-0.01 to 0.26", times a factor; empty if unknown."""

@@ -250,8 +250,8 @@ def _ranges(middle: float, spread: float, of_members: Array, before: float = 1.0
 def _with_ends(ranges: _Ranges, ends: Array) -> dict[str, Any]:
     """Return the fields of a range with another median and other ends."""
     median, low, high = ends.tolist()
-    kept = {f.name: getattr(ranges, f.name) for f in fields(_Ranges)}
-    return kept | {"median": median, "low": low, "high": high}
+    values = {f.name: getattr(ranges, f.name) for f in fields(_Ranges)}
+    return values | {"median": median, "low": low, "high": high}
 
 
 def disagreement(members: int) -> float:

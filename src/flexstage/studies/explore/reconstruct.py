@@ -58,7 +58,7 @@ class _Effort:
     """Largest number of superelements on the way to the most probable stage."""
     starts: int = 12
     """Draws of the prior from which the most probable stage is searched where the first search
-    leaves figures unexplained; draws that do not exist are left out.
+    leaves figures unexplained; draws that do not exist are omitted.
     """
     near: float = 0.3
     """Distance, in standard deviations before, over which derivatives hold: a stage this far from
@@ -212,9 +212,9 @@ class _Fit:
         They differ only where limits of the geometry exclude the latter. A search that leaves the
         given figures unexplained is repeated from elsewhere.
         """
-        found = self._from(start)
-        if self._explained(found[0]):
-            return found
+        first = self._from(start)
+        if self._explained(first[0]):
+            return first
         # limits of the geometry may stop the search on the way
         generator = np.random.default_rng(0)
         others = [
@@ -222,7 +222,7 @@ class _Fit:
             for z in generator.standard_normal((_EFFORT.starts, self.size))
             if self.stages.exists(z)
         ]
-        return min((found, *others), key=lambda pair: self._cost(pair[0]))
+        return min((first, *others), key=lambda pair: self._cost(pair[0]))
 
     def _from(self, start: Array) -> tuple[Array, Array]:
         try:

@@ -17,7 +17,7 @@ from flexstage.report.figures.surface import StageSurface, SurfaceState
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import ModelResult
 from flexstage.web.page import Page, choice, div, quiet_button, remark
-from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Preferences
 
 _MM = 1e3
 _TICKS = 4

@@ -24,7 +24,7 @@ from flexstage.system import Analysis, DriveCondition, FrequencyResponse
 from flexstage.system.response import default_frequencies_hz, response_of_modes
 from flexstage.web.design.state import Variant
 from flexstage.web.pictures import inline
-from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Preferences
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -22,8 +22,7 @@ from flexstage.web.bench.instrument import (
     read_axis,
     real_time_address,
 )
-from flexstage.web.emergency_stop import EmergencyStop
-from flexstage.web.jobs import BackgroundJob, Cancelled, Jobs
+from flexstage.web.jobs import BackgroundJob, Cancelled, EmergencyStop, Jobs
 from flexstage.web.live_history import LiveHistory
 
 #: Time after which another browser can take control from one that is gone [s].

@@ -337,7 +337,7 @@ def recover_stream(stream: Path) -> Path:
 
 def _enter(file: Path) -> tuple[str, ...]:
     """Enter the folder of a record in the user's catalogue; return the problems."""
-    from flexstage.instruments.catalogue.folder import enter_folder
+    from flexstage.instruments.catalogue.catalogue import enter_folder
 
     return tuple(enter_folder(file.parent.parent).problems)
 

@@ -23,7 +23,7 @@ from flexstage.studies.explore.variables import every_variable
 from flexstage.studies.models import analyse_model, stage_export
 from flexstage.web.design.state import SHARE, Variant
 from flexstage.web.pictures import inline
-from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Preferences
 
 if TYPE_CHECKING:
     from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage

@@ -18,7 +18,7 @@ from flexstage.web.explore.state import ExploreRun
 from flexstage.web.figures import chart
 from flexstage.web.page import choice
 from flexstage.web.pictures import chart_figure
-from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Preferences
 
 Chart = tuple[list[dict[str, Any]], dict[str, Any]]
 

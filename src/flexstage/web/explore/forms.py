@@ -23,11 +23,11 @@ from flexstage.studies.explore.sweep import typical_seconds
 from flexstage.studies.explore.variables import Variable, variables_of
 from flexstage.studies.explore.workers import duration
 from flexstage.virtual.imperfections import Scatter
-from flexstage.web.explore.stage_summary import StageSummary
 from flexstage.web.explore.state import (
     ExploreForm,
     RangeInput,
     RequirementInput,
+    StageSummary,
 )
 from flexstage.web.page import Page, PanelHeading, div, quiet_button, remark
 from flexstage.web.request_form import RequestForm

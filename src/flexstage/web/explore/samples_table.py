@@ -20,7 +20,7 @@ from flexstage.studies.explore.sampling import SweepPlan
 from flexstage.studies.explore.sweep import Sweep
 from flexstage.studies.explore.variables import Variable
 from flexstage.web.explore.state import ExploreRun
-from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Preferences
 
 #: Labels of the points of a multi-objective search.
 DOMINATED, ON_FRONT = "dominated", "on the front"

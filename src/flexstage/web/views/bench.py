@@ -28,7 +28,7 @@ from flexstage.web.bench.runs import (
 from flexstage.web.figures import chart, show_table
 from flexstage.web.live_history import POSITION, VOLTAGE
 from flexstage.web.page import Page, PanelHeading, choice, div, quiet_button, remark
-from flexstage.web.preferences import Preferences
+from flexstage.web.sessions import Preferences
 
 if TYPE_CHECKING:
     from flexstage.instruments.catalogue.entries import RunEntry

@@ -44,8 +44,8 @@ from flexstage.web.page import (
     remark,
     show_error,
 )
-from flexstage.web.preferences import LENGTHS, Preferences
 from flexstage.web.request_form import RequestForm
+from flexstage.web.sessions import LENGTHS, Preferences
 from flexstage.web.uploads import upload
 
 #: Sources of records, with their labels.

@@ -13,8 +13,13 @@ from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.design.work import draw_with_issues
 from flexstage.web.explore.forms import FormFields, build_form, work_estimate
 from flexstage.web.explore.results import Results
-from flexstage.web.explore.stage_summary import StageSummary, summarise_stage
-from flexstage.web.explore.state import KINDS, ExploreRun, ExploreState
+from flexstage.web.explore.state import (
+    KINDS,
+    ExploreRun,
+    ExploreState,
+    StageSummary,
+    summarise_stage,
+)
 from flexstage.web.explore.work import define_study, run_exploration
 from flexstage.web.figures import picture
 from flexstage.web.page import Page, PanelHeading, display_text, div, panel, remark

@@ -1,29 +1,75 @@
-"""Coupled drives: errors by level, modes that soften, and predictions of a record."""
+"""Drives: working line of a stack with the line of its stage, and coupled drives."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexstage.base.arrays import Array
-from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
-from flexstage.hysteresis.coupled_drives.inverse import CoupledCommand
-from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions, PredictedModel
 from flexstage.report.figures.style import (
     CYCLE,
+    DASHED,
     INK,
+    LONG_DASHED,
     MUTED,
+    UM,
     add_legend,
     label_axes,
+    one_panel,
     panels,
     scale,
     set_title,
 )
+from flexstage.system.seated_drives import WorkingLine
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
+    from flexstage.hysteresis.coupled_drives.inverse import CoupledCommand
+    from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions, PredictedModel
 
-def draw_coupled_drives(result: CoupledDriveIdentification) -> "Figure":
+
+def draw_working_line(line: WorkingLine) -> "Figure":
+    """Draw the line of a stack at full voltage, the load of the stage, and where they meet."""
+    drive = line.drive
+    figure, axes = one_panel(5.4, 3.6)
+    top = max(line.drive.blocked_force, drive.stiffness * drive.free_stroke)
+    axes.plot(
+        [0.0, UM * drive.free_stroke], [drive.stiffness * drive.free_stroke, 0.0],
+        color=CYCLE[0], linewidth=1.6, label="stack, full voltage",
+    )  # fmt: skip
+    axes.plot([0.0], [line.drive.blocked_force], "s", color=CYCLE[0], markersize=4.5,
+              label="blocking force", clip_on=False)  # fmt: skip
+    # twice the force at work, as far as the diagram shows
+    force = np.linspace(0.0, min(2.0 * line.force, top), 81)
+    load = line.force / line.stroke
+    loads = "stage and spring" if line.preload_stiffness else "stage"
+    way = np.array([f / load + line.seat_approach(float(f)) for f in force])
+    label = f"{loads}, with seats" if drive.seats else loads
+    axes.plot(UM * way, force, color=CYCLE[1], linewidth=1.6, label=label)
+    if drive.seats:
+        axes.plot(UM * force / load, force, color=CYCLE[1], linewidth=1.0, linestyle=DASHED,
+                  label=loads)  # fmt: skip
+    if line.preload_stiffness:
+        axes.plot(UM * way, line.preload_stiffness * force / load, color=CYCLE[2], linewidth=1.0,
+                  linestyle=LONG_DASHED, label="preload spring")  # fmt: skip
+    at = UM * (line.stroke + line.seat_approach(line.force))
+    axes.plot([at, at], [0.0, line.force], color=MUTED, linewidth=0.8, linestyle=DASHED)
+    axes.plot([at], [line.force], "o", color=INK, markersize=5.0, zorder=4)
+    axes.set_xlim(0.0, 1.05 * UM * drive.free_stroke)
+    axes.set_ylim(0.0, 1.1 * top)
+    label_axes(axes, "elongation of the stack [µm]", "force [N]")
+    add_legend(axes, loc="upper right")
+    set_title(
+        axes,
+        f"Working line of {drive.name}: {UM * line.stroke:.3g} µm of "
+        f"{UM * drive.free_stroke:.3g} µm left,\n"
+        f"at {line.force:.3g} N, {100.0 * line.force_share:.3g} % of the blocking force",
+    )
+    return figure
+
+
+def draw_coupled_drives(result: "CoupledDriveIdentification") -> "Figure":
     """Draw the errors at each level, and the change of each natural frequency with the level."""
     figure, (left, right) = panels(9.6, 3.9, 2, 2)
     levels, model = result.levels, result.model
@@ -62,7 +108,7 @@ def draw_coupled_drives(result: CoupledDriveIdentification) -> "Figure":
 _SAMPLES = 600
 
 
-def draw_coupled_prediction(result: CoupledPredictions) -> "Figure":
+def draw_coupled_prediction(result: "CoupledPredictions") -> "Figure":
     """Draw the end of the first record: each output as measured, and its error."""
     prediction, model = result.predictions[0], result.model
     measured, end = prediction.measured, slice(-_SAMPLES, None)
@@ -71,7 +117,7 @@ def draw_coupled_prediction(result: CoupledPredictions) -> "Figure":
     return _draw_outputs(prediction.time[end], last, model, prediction.source)
 
 
-def draw_coupled_command(result: CoupledCommand) -> "Figure":
+def draw_coupled_command(result: "CoupledCommand") -> "Figure":
     """Draw the reference of each output with its predicted error, and the commands."""
     lines = {
         "reference": result.reference,
@@ -83,9 +129,9 @@ def draw_coupled_command(result: CoupledCommand) -> "Figure":
 def _draw_outputs(
     time: Array,
     lines: dict[str, Array],
-    model: PredictedModel,
+    model: "PredictedModel",
     title: str,
-    sent: CoupledCommand | None = None,
+    sent: "CoupledCommand | None" = None,
 ) -> "Figure":
     """Draw lines of all outputs, one diagram each, and the commands sent in a diagram below."""
     outputs = len(model.outputs)
