@@ -180,13 +180,12 @@ def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     (tmp_path / "turns").mkdir()
     plan = plan_from_text(
-        SENSORS
-        + "  - {name: fine, centre: {heads: [0 deg, 92 deg, 178 deg], mounting_angle: 23 deg,"
+        SENSORS + "  - {name: fine, centre: {radius: 40 mm, heads: [0 deg, 92 deg, 178 deg],"
         " target: 0.2 um, records: {folder: turns, angle: angle,"
         " error: [head 1, head 2, head 3], wait: 20 s}}}\n"
     )
     table = VirtualTable(
-        radius=50e-3,
+        radius=40e-3,
         heads=tuple(np.radians([0.0, 92.0, 178.0])),
         eccentricity=(14e-6, -11e-6),
         noise=1.0 * ARCSEC,
@@ -215,11 +214,21 @@ def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatc
     assert len(left) == len(step.moves)
     assert "simulated" not in step.line
     assert all(move.true_length is None for move in step.moves)
-    again = plan_from_text(
-        SENSORS + "  - {name: fine, centre: {records: {folder: none, wait: 1 s}}}"
+    step = (
+        "  - {name: fine, centre: {radius: 40 mm, heads: [0 deg],"
+        " records: {folder: none, wait: 1 s}}}"
     )
+    with pytest.raises(PlanError, match="give radius and heads"):
+        plan_from_text(SENSORS + step.replace("radius: 40 mm, ", ""))
+    again = plan_from_text(SENSORS + step)
     with (
         connect("twin://?seed=11&model=lumped&quiet=1", design("vgtu-piezo")) as twin,
         pytest.raises(PlanError, match=r"no record none.fine-0\.csv was written within 1 s"),
     ):
         run_plan(again, twin, tmp_path / "other")
+    # files of the first run would move the stage by what was
+    with (
+        connect("twin://?seed=11&model=lumped&quiet=1", design("vgtu-piezo")) as twin,
+        pytest.raises(PlanError, match=r"fine-0\.csv is of an earlier run"),
+    ):
+        run_plan(plan, twin, tmp_path / "third")

@@ -306,3 +306,39 @@ def test_a_certificate_states_object_records_and_table(
         main(["calibrate", "faces.csv", "--item", "prism"])
     assert ended.value.code == 2
     assert "for --certificate FILE" in capsys.readouterr().err
+
+
+def long_form(path: str, group: str, numbers: tuple[int, ...], apart: int = 1) -> None:
+    """Write readings of the polygon in rows of face, group and reading, in arcsec."""
+    rows = [
+        (apart * face, s, value)
+        for s in numbers
+        for face, value in enumerate(FACES - np.roll(TABLE, -s))
+    ]
+    np.savetxt(path, rows, delimiter=",", comments="", header=f"face,{group},reading")
+
+
+def test_a_setting_keeps_its_sign(capsys: pytest.CaptureFixture[str]) -> None:
+    long_form("long.csv", "setting", (-1, 0, 1, 4))
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "long.csv", "--noise", "0.01", "--json"])
+    assert not ended.value.code
+    printed = json.loads(capsys.readouterr().out)
+    faces = [p["error"] / ARCSEC for p in printed["points"] if p["of"] == "faces"]
+    assert faces == pytest.approx(FACES - FACES.mean(), abs=1e-6)
+    assert any("12 faces in the full circle" in note for note in printed["notes"])
+
+
+def test_rounds_are_no_settings_and_faces_are_numbered_one_by_one(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    long_form("rounds.csv", "round", (1, 2))
+    long_form("degrees.csv", "setting", (0, 1, 4, 6), apart=30)
+    for file, message in (
+        ("rounds.csv", "--method closure if they are rounds"),
+        ("degrees.csv", "have numbers 30 apart: number them one by one"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(["calibrate", file])
+        assert ended.value.code == 2
+        assert message in " ".join(capsys.readouterr().err.split())

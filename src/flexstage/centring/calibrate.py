@@ -35,7 +35,7 @@ from flexstage.records.read_options import ReadOptions
 from flexstage.records.sampling import TIME_NAMES
 
 _FACES = ("face", "faces", "position", "segment")
-_SETTINGS = ("setting", "settings", "round", "rounds")
+_SETTINGS, _ROUNDS = ("setting", "settings"), ("round", "rounds")
 #: Methods by the readings of heads.
 _BY_HEADS = {
     "self": self_calibration, "reference": against_reference, "equal-division": equal_division,
@@ -252,7 +252,7 @@ def _of_polygon(records: Sequence[Record], request: CalibrateRequest) -> Calibra
     if method == "closure":
         closed = simple_closure(readings, span=request.span, **known)
     else:
-        ends = [re.search(r"\d+$", name) for name in names]
+        ends = [re.search(r"-?\d+$", name) for name in names]
         settings = request.settings or tuple(int(end[0]) for end in ends if end)
         if len(settings) != len(names):
             raise RecordError(
@@ -294,12 +294,21 @@ def _face_readings(
     """Return readings of faces [rad], shape (faces, columns), names of the columns, and notes."""
     columns: list[Array] = []
     names: list[str] = []
-    notes = [note for record in records for note in record.notes]
+    # columns with missing readings are used
+    notes = [n for record in records for n in record.notes if not n.startswith("incomplete")]
     for record in records:
-        face, setting = (_labels(record, words) for words in (_FACES, _SETTINGS))
+        face, setting, repeat = (_labels(record, words) for words in (_FACES, _SETTINGS, _ROUNDS))
+        group = "setting" if setting is not None else "round"
+        setting = repeat if setting is None else setting
         rows = np.arange(record.size) if face is None else face - face.min()
+        apart = np.unique(np.diff(np.unique(rows)))
+        if apart.size == 1 and apart[0] > 1:
+            raise RecordError(
+                f"the faces of '{record.source}' have numbers {apart[0]} apart: number them one by "
+                "one, 0, 1, 2 and so on"
+            )
         selected = [record.channel(name) for name in request.names] or [
-            c for c in record.channels if not _is(c, (*_FACES, *_SETTINGS, *TIME_NAMES))
+            c for c in record.channels if not _is(c, (*_FACES, *_SETTINGS, *_ROUNDS, *TIME_NAMES))
         ]
         for channel in selected:
             for s in (None,) if setting is None else np.unique(setting):
@@ -312,9 +321,10 @@ def _face_readings(
                 column = np.full(rows.max() + 1, np.nan)
                 column[rows[here]] = _in_rad(channel, request, notes)[here]
                 columns.append(column)
-                names.append(channel.name if setting is None else f"setting {s}")
+                names.append(channel.name if setting is None else f"{group} {s}")
     if not columns or len({column.size for column in columns}) > 1:
         raise RecordError("all records need readings of the same faces, a row for each")
+    notes.append(f"{columns[0].size} faces in the full circle")
     return np.stack(columns, axis=1), names, notes
 
 

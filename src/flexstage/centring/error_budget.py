@@ -93,7 +93,9 @@ def contributions(table: RotaryTable, eccentricity: float) -> tuple[ReadingError
     Notes
     -----
     Validity: small errors (x below 0.02, tilt below 1 deg); each cause by itself, without products
-    of two. Errors within a period of the signal and noise are independent from head to head.
+    of two. An oval deformation is a uniform strain in the plane of the scale; a thin ring that
+    bends without stretching has half its error. Errors within a period of the signal and noise are
+    independent from head to head.
     Averages over the field that a head sees are not included.
 
     Examples
@@ -221,7 +223,9 @@ def code_limit(tracks: CodeTracks) -> float:
 def expanded_uncertainty(table: RotaryTable, eccentricity: float) -> float:
     """Return the expanded uncertainty of the angle, 95 % [rad], by the table's kind of reading.
 
-    The contributions are combined as independent (GUM, JCGM 100:2008, 5.1.2).
+    The contributions are combined as independent (GUM, JCGM 100:2008, 5.1.2), with a coverage
+    factor of 2 for nearly normal errors. Where one sine dominates this is more than its amplitude,
+    by a factor of up to 1.41, and covers all errors.
 
     Examples
     --------

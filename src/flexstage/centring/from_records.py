@@ -213,6 +213,12 @@ def with_table(request: CentreRequest) -> CentreRequest:
     if described:
         raise RecordError(f"--table describes {described[0]} already: omit one of them")
     table = read_table(request.table)
+    columns, heads = len(request.names), len(table.heads.angles)
+    if columns and columns != heads:
+        raise RecordError(
+            f"table '{table.name}' has {heads} heads, but --error or --reading names {columns} "
+            "columns: name one for each head"
+        )
     return replace(
         request,
         heads=table.heads.angles,
@@ -240,7 +246,10 @@ def centre_files(
     files: Sequence[Path], request: CentreRequest, how: ReadOptions = ReadOptions()
 ) -> CentredRecords:
     """Analyse files as `centre_records` does; without options, by their columns angle and error."""
-    return centre_records(*read_turns(files, with_table(request), how))
+    records, described = read_turns(files, with_table(request), how)
+    # the request as it was given can be repeated
+    given = replace(request, angle=described.angle, error=described.error)
+    return replace(centre_records(records, described), request=given)
 
 
 def centre_records(records: Sequence[Record], options: CentreRequest) -> CentredRecords:

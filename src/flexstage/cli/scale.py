@@ -26,7 +26,8 @@ def scale(
 ) -> None:
     """Find which stages can centre the scale of a rotary table.
 
-    The error budget of the table gives the eccentricity that its tolerance allows.
+    The error budget of the table gives the eccentricity that its tolerance allows. The exit status
+    is 1 if no stage suits.
 
     Parameters
     ----------

@@ -237,7 +237,7 @@ def study_scale(table: RotaryTable, request: ScaleRequest) -> ScaleStudy:
         allowed=allowed,
         needs=tuple(common_needs(table, allowed)),
         stages=tuple(map(judged, stages)),
-        notes=tuple(_notes(table, allowed)),
+        notes=tuple(_notes(table, allowed, stages)),
     )
 
 
@@ -414,14 +414,15 @@ def _rotation(
         )
 
 
-def _notes(table: RotaryTable, allowed: float) -> Iterator[str]:
+def _notes(table: RotaryTable, allowed: float, stages: Sequence[Stage]) -> Iterator[str]:
     scale, heads, axis = table.scale, table.heads, table.axis
     if allowed >= scale.eccentricity:
         yield "the scale as mounted meets the tolerance: it need not be centred"
     if scale.kind == "disc":
-        gap = axis.axial + 2.0 * scale.radius * (scale.tilt + axis.tilt)
+        gap = axis.axial + scale.radius * (2.0 * scale.tilt + axis.tilt)
     else:
-        gap = 2.0 * (scale.eccentricity + scale.ellipticity) + axis.radial_synchronous
+        gap = 2.0 * (scale.eccentricity + scale.ellipticity)
+        gap += axis.radial_synchronous + axis.tilt * axis.overhang
     if heads.gap_change is not None and gap:
         verdict = "within" if gap <= heads.gap_change else "more than"
         yield (
@@ -445,3 +446,6 @@ def _notes(table: RotaryTable, allowed: float) -> Iterator[str]:
         f"{100.0 * STEP_SHARE:.0f} % of the allowed eccentricity, both axes together, that of a "
         f"stack with {CONVERTER_BITS} bits over its stroke where no other is given"
     )
+    coupled = [stage.name for stage in stages if any(axis.drives for axis in stage.axes)]
+    if coupled:
+        yield f"drives that move an axis together ({', '.join(coupled)}): the stroke without load"

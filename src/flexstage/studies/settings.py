@@ -1,8 +1,7 @@
 """Settings of the drives that make a centring move, in turns or volts, and what to read after."""
 
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.centring.error_budget import allowed_eccentricity
-from flexstage.centring.from_records import CentredRecords
+from flexstage.centring.from_records import CentredRecords, with_table
 from flexstage.centring.requests import CentreRequest
 from flexstage.centring.table_file import read_table
 from flexstage.files.plain import picked
@@ -28,6 +27,8 @@ _BACK = 0.1
 _MOVES = 4
 #: Drawn moves for its probability.
 _DRAWS = 20_000
+#: Elongation that is none [m].
+_LEAST = 1e-15
 #: Decimals of a predicted centre [m].
 _DECIMALS = 12
 
@@ -89,10 +90,10 @@ def move_settings(
     r"""Return the settings of the drives of a stage for a move along its axes x and y.
 
     The elongations are :math:`w = J^+ \Delta`, with the Jacobian J of the model; an elastic drive
-    of stiffness k under the force F needs F / k besides. Each move is
-    measured before it is made; the probability that its target is reached comes from drawn moves:
-    each leaves, by axis, a share of the eccentricity before it by the error of the ratio, the
-    uncertainty of the measured eccentricity, and up to half a step.
+    of stiffness k under the force F needs F / k besides. Each move is measured before it is made;
+    the probability that its target is reached comes from drawn moves: each leaves, by axis, a share
+    of the eccentricity before it by the error of the ratio, which is the same in every move, and by
+    the loop of a stack, then the uncertainty of the measured eccentricity and up to half a step.
 
     Parameters
     ----------
@@ -117,26 +118,35 @@ def move_settings(
     Raises
     ------
     ModelError
-        The stage does not move along x and y, a drive has neither turns nor volts, or the move
-        exceeds a stroke.
+        The move is not finite, the stage does not move along x and y, a drive has neither turns nor
+        volts, or the move exceeds a stroke.
 
     Notes
     -----
-    Validity: small moves within the linear range; ratios are those of the model for the first move
-    (5 %, a stack with its loop besides), and no later move is taken to know them better.
+    Validity: small moves within the linear range; ratios are those of the model, with a standard
+    uncertainty of 5 %, which no later move is taken to know better. The loop of a stack leaves up
+    to half its relative width of each move.
     """
+    if not np.isfinite(move).all():
+        raise ModelError("the move must be finite, got " + ", ".join(f"{v:g} m" for v in move))
     coupling = analyse_model(stage, model).coupling
     if coupling is None or not {"x", "y"} <= set(coupling.names):
         raise ModelError(f"{stage.name} does not move along x and y: give a stage that does")
     rows = [coupling.names.index(axis) for axis in ("x", "y")]
     J = coupling.jacobian[rows]
     elongations = np.linalg.pinv(J) @ move
+    # of the drives that move an axis together, the one with the largest share stands for all
+    drives = [
+        (axis, stage.drive(coupling.drives[k]), float(abs(row[k])))
+        for axis, row in zip(("x", "y"), J, strict=True)
+        for k in (int(np.argmax(np.abs(row))),)
+    ]
     settings, at = [], -np.asarray(move, dtype=np.float64)
     forces = coupling.forces @ elongations
     for name, column, elongation, force in zip(
         coupling.drives, J.T, elongations, forces, strict=True
     ):
-        if abs(elongation) <= 1e-9 * float(np.abs(elongations).max(initial=0.0)):
+        if abs(elongation) <= max(_LEAST, 1e-9 * float(np.abs(elongations).max(initial=0.0))):
             continue
         drive = stage.drive(name)
         at = at + column * elongation
@@ -156,31 +166,44 @@ def move_settings(
         drives=tuple(settings),
         radius=radius,
         target=target,
-        success=() if not target else tuple(_success(stage, move, J, uncertainty, target)),
-        notes=tuple(_notes(stage)),
+        success=() if not target else tuple(_success(stage, move, drives, uncertainty, target)),
+        notes=tuple(_notes([stage.drive(name) for name in coupling.drives], settings)),
     )
 
 
 def settings_of(centred: CentredRecords, source: str) -> MoveSettings:
-    """Return the settings of a stage, by name or file, for the move of the last setup."""
-    last = centred.reports[-1]
-    if "move" not in last:
+    """Return the settings of a stage, by name or file, for the move of the last setup.
+
+    Trial moves give the move along the axes of the stage, however it is mounted.
+    """
+    last, trial = centred.reports[-1], centred.trial or {}
+    notes: list[str] = []
+    if "centre" in trial:
+        centre = trial["centre"]
+        move = np.array(centre["move_from_last"])
+    elif "move" in last:
+        centre = last["move"]
+        move = np.array([centre["x"], centre["y"]])
+        notes.append(
+            "the mounting angle is taken as stated and the stage as not mirrored: trial moves "
+            "(--stage-at) find both"
+        )
+    else:
         raise ModelError(
             "the records give no eccentricity, so that there is no move to set: give --radius and "
-            "--kind, or --table"
+            "--kind, or --table; for a magnet trial moves by --stage-at"
         )
-    request = centred.request
-    table = None
-    if isinstance(request, CentreRequest) and request.table is not None:
-        table = read_table(request.table)
-    move = last["move"]
-    return move_settings(
-        find_stage(source),
-        np.array([move["x"], move["y"]]),
-        np.array([move["uncertainty_x"], move["uncertainty_y"]]),
-        radius=table.scale.radius if table else None,
-        target=allowed_eccentricity(table) if table else None,
-    )
+    request, target, radius = centred.request, None, None
+    if isinstance(request, CentreRequest):
+        radius = with_table(request).radius
+        if request.table is not None:
+            try:
+                target = allowed_eccentricity(read_table(request.table))
+            except ModelError as error:
+                notes.append(str(error))
+    uncertainty = np.array([centre["uncertainty_x"], centre["uncertainty_y"]])
+    settings = move_settings(find_stage(source), move, uncertainty, radius=radius, target=target)
+    return replace(settings, notes=(*settings.notes, *notes))
 
 
 def _amount(drive: Drive, elongation: float, force: float) -> tuple[float | None, float | None]:
@@ -211,36 +234,42 @@ def _back(drive: Drive, elongation: float, turns: float | None) -> float:
 
 
 def _success(
-    stage: Stage, move: Array, J: Array, uncertainty: Array, target: float
+    stage: Stage,
+    move: Array,
+    drives: Sequence[tuple[str, Drive, float]],
+    uncertainty: Array,
+    target: float,
 ) -> Iterator[float]:
-    """Return the probability that the eccentricity is below the target after each move."""
-    gain, step = np.empty(2), np.empty(2)
-    for k, axis in enumerate(("x", "y")):
-        drive, ratio = stage.drive_of(axis), abs(J[k]).max()
+    """Return the probability that the eccentricity is below the target after each move.
+
+    `drives` are axis, drive and ratio of x and y.
+    """
+    loop, step = np.zeros(2), np.empty(2)
+    for k, (axis, drive, ratio) in enumerate(drives):
         stroke = drive.mounted.stroke or 0.0
-        share = loop_share(stage, axis, ratio * stroke) if _is_stack(drive) else 0.0
-        gain[k] = math.hypot(RATIO_UNCERTAINTY, share)
+        if isinstance(drive, PiezoStack):
+            loop[k] = loop_share(stage, axis, ratio * stroke)
         step[k] = ratio * (drive.smallest_displacement or stroke / 2**CONVERTER_BITS)
     rng = np.random.default_rng(0)
     left = np.tile(move, (_DRAWS, 1))
+    gain = rng.normal(0.0, RATIO_UNCERTAINTY, left.shape)
     for _ in range(_MOVES):
-        left = left * rng.normal(0.0, gain, left.shape) + rng.normal(0.0, uncertainty, left.shape)
+        left = left * (gain + loop * rng.uniform(-0.5, 0.5, left.shape))
+        left += rng.normal(0.0, uncertainty, left.shape)
         left += step * rng.uniform(-0.5, 0.5, left.shape)
         yield float(np.mean(np.hypot(*left.T) < target))
 
 
-def _is_stack(drive: Drive) -> bool:
-    return isinstance(drive, PiezoStack)
-
-
-def _notes(stage: Stage) -> Iterator[str]:
-    drives = [stage.drive_of(axis) for axis in ("x", "y")]
+def _notes(drives: Sequence[Drive], settings: Sequence[DriveSetting]) -> Iterator[str]:
+    if not settings:
+        yield "no move is needed"
+        return
     if any(isinstance(d, Screw) for d in drives):
         yield (
             "screws end forwards, which takes out their backlash: for a move back, turn back as "
             "far as stated, then forwards to the setting"
         )
-    if any(map(_is_stack, drives)):
+    if any(isinstance(d, PiezoStack) for d in drives):
         yield (
             "voltages are without hysteresis: go to the lowest voltage first and approach every "
             "setting from below"

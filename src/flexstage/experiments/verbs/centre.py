@@ -55,8 +55,10 @@ _RESULT = Format(
 )
 _SIMULATED = "simulated table and heads"
 _NOTES = (f"{_SIMULATED}; the position of the scale follows from the stage's sensors",)
-#: Seconds between two looks for a record.
-_POLL = 0.2
+#: Radius [m] and angles of heads [rad] of a simulated table.
+_RADIUS, _HEADS = 50e-3, (0.0, 1.6, 3.1, 4.8)
+#: Seconds between two looks for a record, and for which a whole file no longer grows.
+_POLL, _QUIET = 0.2, 1.0
 _UM = 1e6
 
 
@@ -91,12 +93,12 @@ class Centre(Verb):
     """Records of the heads; without them table and heads are simulated."""
     sensors: tuple[str, str] = ("x", "y")
     """The sensors of their positions."""
-    radius: ScaleRadius = 50e-3
-    """Radius of the scale at the heads [m]."""
+    radius: ScaleRadius | None = None
+    """Radius of the scale at the heads [m]; 50 mm if they are simulated."""
     eccentricity: Annotated[tuple[float, float], DIMENSIONS["length"]] = (14e-6, -11e-6)
     """Centre of the scale on the table with both axes at mid-range [m]."""
-    heads: HeadAngles = (0.0, 1.6, 3.1, 4.8)
-    """Angular positions of the heads [rad]."""
+    heads: HeadAngles = ()
+    """Angular positions of the heads [rad]; four of them if they are simulated."""
     mounting_angle: MountingAngle = 0.4
     """Angle of the stage on the table [rad]."""
     noise: Annotated[Angle, _SIZE] = 4.8e-6
@@ -112,16 +114,20 @@ class Centre(Verb):
 
     def __post_init__(self) -> None:
         require_ranges(self, PlanError, self.verb)
-        if not max(abs(e) for e in self.eccentricity) < self.radius:
+        if self.records is not None and (self.radius is None or not self.heads):
             raise PlanError(
-                f"the eccentricity of centre must be smaller than its radius of {self.radius:g} m, "
+                "centre by records needs the radius at which the scale is read and the angles "
+                "of its heads: give radius and heads"
+            )
+        radius = self.radius or _RADIUS
+        if not max(abs(e) for e in self.eccentricity) < radius:
+            raise PlanError(
+                f"the eccentricity of centre must be smaller than its radius of {radius:g} m, "
                 f"got {self.eccentricity[0]:g} and {self.eccentricity[1]:g} m"
             )
         for what, two in (("axes", self.axes), ("sensors", self.sensors)):
             if two[0] == two[1]:
                 raise PlanError(f"centre needs two {what}, got '{two[0]}' twice")
-        if not self.heads:
-            raise PlanError("centre needs at least one head, got none")
 
     def axis_of(self, plan: PlanLookup) -> str:
         del plan
@@ -143,8 +149,8 @@ class Centre(Verb):
         from flexstage.virtual.table import VirtualTable
 
         return VirtualTable(
-            radius=self.radius,
-            heads=self.heads,
+            radius=self.radius or _RADIUS,
+            heads=self.heads or _HEADS,
             eccentricity=self.eccentricity,
             noise=self.noise,
             seed=self.seed,
@@ -206,11 +212,17 @@ class Centre(Verb):
         from flexstage.centring.from_records import centre_files
         from flexstage.centring.procedure import centre_reading
 
+        earlier = sorted(Path(records.folder).glob(f"{name}-*.csv"))
+        if earlier:
+            raise PlanError(
+                f"{earlier[0]} is of an earlier run: move the files of step '{name}' out of "
+                f"{records.folder}"
+            )
         request = CentreRequest(
             angle=records.angle,
             error=records.error,
             unit=records.unit,
-            heads=self.heads if len(records.error) > 1 else (),
+            heads=self.heads,
             radius=self.radius,
             kind=records.kind,
         )
@@ -320,13 +332,14 @@ class CentredStep(StepResult):
 
 def _await(file: Path, longest: float) -> None:
     """Wait until a file is there and no longer grows [s]."""
-    end, size = time.monotonic() + longest, -1
+    began = changed = time.monotonic()
+    size = -1
     progress.update(f"turn the table and write {file}")
-    while True:
+    while size <= 0 or time.monotonic() < changed + _QUIET:
         before, size = size, file.stat().st_size if file.exists() else -1
-        if size > 0 and size == before:
-            return
-        if time.monotonic() > end:
+        if size != before:
+            changed = time.monotonic()
+        if size <= 0 and time.monotonic() > began + longest:
             raise PlanError(
                 f"no record {file} was written within {longest:g} s: write it and continue by "
                 "--resume, or increase wait"
