@@ -138,6 +138,7 @@ def test_a_comment_in_the_first_row_alone(
 
 LONG = {
     "quoted.csv": ('"t [s]","u [V]"', lambda i, u: f'"{i / 128}","{u}"'),
+    "quoted commas.csv": ("t [s];u [V]", lambda i, u: f'{i / 128};"{u}"'.replace(".", ",")),
     "empty.csv": ("t [s];u [V];spare;w", lambda i, u: f"{i / 128};{u};;{i}"),
     "stamped.csv": ("t,u [V]", lambda i, u: f"2026-02-28 23:59:{i / 128:010.7f},{u}"),
     "german.csv": ("t;u [V]", lambda i, u: f"23:59:{i / 128:010.7f};{u}".replace(".", ",")),
@@ -177,6 +178,80 @@ def test_labview_without_times_is_not_read_number_by_number(
     assert record.channel("drive").values.tolist() == [0.5 * i for i in range(100)]
     assert record.channel("sensor").values.tolist() == [float(-i) for i in range(100)]
     assert record.sample_rate_hz == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("above", "below", "first"),
+    [
+        ("", "\n", ""),
+        ("", "\t\t\n", ""),
+        ("\t\t\n", "", ""),
+        ("\t\t\n", "\n", "begin"),
+        ("", "", "# begin"),
+    ],
+)
+@pytest.mark.parametrize("x", ["One", "No"])
+def test_blank_lines_around_the_names_of_labview(
+    tmp_path: Path, x: str, above: str, below: str, first: str
+) -> None:
+    names = f"{above}X_Value\tdrive\tComment\n{below}".removesuffix("\n")
+    cells = "Y_Unit_Label\tVolts\t\nX_Dimension\tTime\tTime\t\nDelta_X\t0.01\t0.01"
+    times = [f"{0.01 * i:.2f}" if x == "One" else "" for i in range(9)]
+    rows = [f"{t}\t{0.5 + i}" for i, t in enumerate(times)]
+    rows[0] += f"\t{first}" if first else ""
+    record = read_record(lvm(tmp_path, x, cells, names, rows))
+    assert [c.name for c in record.channels] == ["X_Value", "drive"][x == "No" :]
+    assert record.channel("drive").values.tolist() == [0.5 + i for i in range(9)]
+    assert record.sample_rate_hz == pytest.approx(100.0)
+    assert any("'begin'" in note or "'# begin'" in note for note in record.notes) == bool(first)
+
+
+@pytest.mark.parametrize("first", ["", "\tbegin"])
+def test_units_below_the_names_of_labview_are_no_sample(tmp_path: Path, first: str) -> None:
+    cells = "Y_Unit_Label\tVolts\t\nX_Dimension\tTime\tTime\t"
+    rows = ["s\tV\t", f"0.00\t0.5{first}", *(f"{0.01 * i:.2f}\t{0.5 + i}" for i in range(1, 9))]
+    file = lvm(tmp_path, "One", cells, "X_Value\tdrive\tComment", rows)
+    drive = read_record(file, time=0, units={"0": "s"}).channels[1]
+    assert drive.values.tolist() == [0.5 + i for i in range(9)]
+
+
+@pytest.mark.parametrize("excess", [" 7", '"7"', "7"])
+def test_an_excess_number_in_the_first_row_is_refused(tmp_path: Path, excess: str) -> None:
+    rows = [f"0.00\t0.5\t{excess}", *(f"{0.01 * i:.2f}\t{0.5 + i}" for i in range(1, 9))]
+    said = "has 3 columns where the first row has 2"
+    with pytest.raises(RecordError, match=f"line 2 {said}"):
+        table(tmp_path, "\n".join(["t\tu", *rows]) + "\n")
+    cells = "Y_Unit_Label\tVolts\t\nX_Dimension\tTime\tTime\t"
+    with pytest.raises(RecordError, match=said):
+        read_record(lvm(tmp_path, "One", cells, "X_Value\tdrive\tComment", rows))
+
+
+def test_quotes_are_no_part_of_a_text(tmp_path: Path) -> None:
+    quoted = "".join(f'{i},"{i}.5+2.0j"\n' for i in range(1, 6))
+    record = table(tmp_path, "f [Hz],H [m/N]\n" + quoted)
+    assert [c.name for c in record.channels] == ["f", "H real", "H imaginary"]
+    assert record.channels[1].values.tolist() == [i + 0.5 for i in range(1, 6)]
+    assert record.channels[2].values.tolist() == [2.0] * 5
+    record = table(tmp_path, "u,state\n" + '0.5,"moving"\n' * 5, columns=["u"])
+    assert "skipped columns with text: state ('moving')" in record.notes
+
+
+@pytest.mark.parametrize(
+    ("heading", "row", "odd", "said"),
+    [
+        ("t,a,b", "{},2,3", '5,"1,234"', "line 7 has 2 columns where the first row has 3"),
+        ("t,a", "{},2", '6.5",6"', "'6.5\"' is not a number"),
+        ("t,a", "{},2", '6,6"5"', "'6\"5\"' is not a number"),
+        ("t,a", "{},2", '6,"5""6"', "'5\"6' is not a number"),
+        ("t,a", "10:00:0{},2", '"10:00:05,2', "line 7 has 1 columns where the first row has 2"),
+    ],
+)
+def test_quotes_are_taken_off_whole_fields_alone(
+    tmp_path: Path, heading: str, row: str, odd: str, said: str
+) -> None:
+    lines = [heading, *(odd if i == 5 else row.format(i) for i in range(9))]
+    with pytest.raises(RecordError, match=said):
+        table(tmp_path, "\n".join(lines) + "\n")
 
 
 H = np.array([0.3 - 1.7j, 2.9e-5 + 0.4j, -1.1 + 1.234567890123456e-7j])

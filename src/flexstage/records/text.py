@@ -16,6 +16,7 @@ from flexstage.records.record import SIMULATED
 from flexstage.records.text_rows import (
     COMMENT_MARKS,
     COMPLEX,
+    END_OF_HEADER,
     NUMBER,
     STAMP,
     X_VALUE,
@@ -113,14 +114,17 @@ def _numbers(lines: list[str], first: int, layout: RowLayout) -> _Table:
         mark = layout.delimiter or ""
         body = [line.rstrip().removesuffix(mark.strip() or mark) for line in body]
     remark = ""
-    if layout.delimiter == "\t" and not layout.words:
+    labview = any(line.startswith(END_OF_HEADER) for line in lines[:first])
+    if labview and layout.delimiter == "\t" and not layout.words:
         # LabVIEW writes a comment behind the numbers of the first row
-        fields, remark = _fitted(body[0].split("\t"), first + 1, layout)
-        body[0] = "\t".join(fields)
+        fields, mark = row_of(lines[first], "\t")
+        fields, excess = _fitted(fields, first + 1, layout)
+        body[0], remark = "\t".join(fields), mark or excess
     block = "\n".join(body)
     # the decimal sign, even if only some numbers have decimals
     comma = layout.delimiter != "," and "," in block
-    plain = not (layout.words and any(m in block for m in COMMENT_MARKS if m != layout.delimiter))
+    marks = ('"', *(m for m in COMMENT_MARKS if m != layout.delimiter))
+    plain = not (layout.words and any(m in block for m in marks))
     if plain and not (comma and "." in block):
         table = _text_columns(lines, first, layout) if layout.words else _Table(np.zeros(0))
         used = [j for j in range(layout.width) if j not in (*layout.words, *layout.stamps)]
@@ -152,14 +156,22 @@ def _numbers(lines: list[str], first: int, layout: RowLayout) -> _Table:
 
 
 def _filled(block: str, layout: RowLayout) -> str:
-    """Return rows without quotes around numbers, and with NaN in empty fields."""
-    if '"' in block and not layout.words:
-        block = block.replace('"', "")
+    """Return rows without quotes around numbers, and with NaN in empty fields.
+
+    A quote elsewhere than around a whole field is a ValueError.
+    """
     mark = layout.delimiter
-    # what is a row of nothing, and no row, depends on the delimiter
-    if mark is None or _BLANK_ROW.search(block):
-        return block
+    if mark is None:
+        return block.replace('"', "")
     block = f"\n{block}\n"
+    if '"' in block:
+        edge = f"[{re.escape(mark)}\n]"
+        block = re.sub(rf'(?<={edge})"([^"{re.escape(mark)}\n]*)"(?={edge})', r"\1", block)
+        if '"' in block:
+            raise ValueError("quotes within a field, or a delimiter within quotes")
+    # what is a row of nothing, and no row, depends on the delimiter
+    if _BLANK_ROW.search(block):
+        return block
     for place in (f"{mark}{mark}", f"{mark}{mark}", f"\n{mark}", f"{mark}\n"):
         block = block.replace(place, f"{place[0]}nan{place[1]}")
     return block

@@ -15,7 +15,7 @@ COMMENT_MARKS = ("#", "%", ";", "//", "!")
 
 # a word with the bracket after it, for headings with only spaces as delimiters
 _WORD = re.compile(r"[^\s()\[\]]+(?:\s?(?:\([^()]*\)|\[[^\[\]]*\]))?")
-_END_OF_HEADER = "***End_of_Header***"
+END_OF_HEADER = "***End_of_Header***"
 #: Name of a column of times in LabVIEW.
 X_VALUE = "X_Value"
 
@@ -132,7 +132,7 @@ def _are_units(fields: Sequence[str]) -> bool:
 
 def _labview(lines: Sequence[str], width: int, text: str) -> Heading:
     """Parse the heading of a LabVIEW measurement file."""
-    if sum(line.startswith(_END_OF_HEADER) for line in lines) > 2:
+    if sum(line.startswith(END_OF_HEADER) for line in lines) > 2:
         raise RecordError("the LabVIEW file has several parts: save each part to its own file")
     keys: dict[str, list[str]] = {}
     delimiter = "," if "\t" not in text else "\t"
@@ -312,9 +312,10 @@ def first_row(
     numeric = _numbers_alone(lines, skip, delimiters, decimal)
     if numeric is not None and numeric[1].width > 1:
         first, layout = numeric
-        if labview := [n for n in range(skip, first) if lines[n].startswith(_END_OF_HEADER)]:
-            # names are below the heading; the first row may have a comment
-            first = min(first, labview[-1] + 2)
+        if labview := [n for n in range(skip, first) if lines[n].startswith(END_OF_HEADER)]:
+            # names are below the heading, perhaps with units; the first row may have a comment
+            below = range(labview[-1] + 2, first)
+            first = next((n for n in below if _begins(lines[n], layout.delimiter)), first)
         return _final_layout(lines, _above(lines, skip, first, layout), layout)
     mixed = _with_text(lines, skip, delimiters, decimal)
     if mixed is not None and (numeric is None or mixed[1].width > 1):
@@ -368,6 +369,11 @@ def _kinds(fields: Sequence[str]) -> str:
         "m" if is_missing(f) else "n" if NUMBER.fullmatch(f) else "s" if STAMP.fullmatch(f) else "t"
         for f in fields
     )
+
+
+def _begins(line: str, delimiter: str | None) -> bool:
+    """Return whether the first field of a line, apart from missing ones, is a number or a stamp."""
+    return _kinds(row_of(line, delimiter)[0]).lstrip("m")[:1] in ("n", "s")
 
 
 def _has_comma(rows: Sequence[Sequence[str]]) -> bool:
