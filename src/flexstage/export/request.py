@@ -48,10 +48,10 @@ FORMATS: Mapping[str, ExportFormat] = {
         "MATLAB script that builds a Simulink model", "simulink.files.export", in_time=True
     ),
     "fmu": ExportFormat("Functional Mock-up Unit", "fmu.fmu_file.export", in_time=True),
-    "mat": ExportFormat("matrices for MATLAB and Octave", "matlab.files.export", in_time=True),
+    "mat": ExportFormat("matrices for MATLAB and Octave", "matlab.export", in_time=True),
     "c": ExportFormat(
         "C header with a step function for a real-time target",
-        "realtime.files.export",
+        "realtime.export",
         in_time=True,
     ),
     "step": ExportFormat("solid, STEP", "step.export"),
