@@ -2,8 +2,9 @@
 
 ``python -m tests.published_stages`` computes all of them anew and writes the tables of
 docs/explanation/published-stages.md; with a folder it writes them there. Dimensions and printed
-figures are typed from the named sources; nothing else of these is here. Lengths are in
-millimetres where the source has another unit: with the same stress, displacements scale with it.
+figures are typed from the named sources; nothing else of these is here. CPU times are typed as
+well, and not measured anew. Lengths are in millimetres where the source has another unit: with the
+same stress, displacements scale with it.
 """
 
 import csv
@@ -88,7 +89,7 @@ class Case:
     seconds: float
     """Time of the computation on one core."""
     cpu: float
-    """Measured CPU time of all figures, on one core of an Intel Xeon [s]."""
+    """Measured CPU time of all figures, on one core of an Intel Xeon [s]; not measured anew."""
     file: str = ""
     """Its stage file, of those in `STAGES`."""
     shape: Callable[[], object] | None = None

@@ -138,3 +138,9 @@ def test_delay_and_loss_of_one_cycle_at_each_speed_are_separated(above: float) -
     off = np.abs(relative(estimate.values.creep, f) * late[2] - truth).max()
     assert off < 0.01
     assert np.abs(relative(first.values.creep, f) * late[1] - truth).max() > 2.0 * off
+    # each makes up for the other, mostly without the fastest record: the errors must say so
+    errors, spectrum = estimate.errors, estimate.values.spectrum
+    assert abs(estimate.values.delay - delay) < 3.0 * errors["delay"] < 2e-3
+    per_decade = spectrum.rate_per_decade / sum(spectrum.weights)
+    more = estimate.values.creep_per_decade - per_decade * sum(creep.weights)
+    assert abs(more) < 3.0 * errors["creep_per_decade"] < 0.4

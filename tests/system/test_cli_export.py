@@ -4,6 +4,7 @@ import hashlib
 import json
 import zipfile
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,12 @@ def _run(*words: str) -> int:
 
 def test_every_format_is_looked_for() -> None:
     assert set(_HOLDS) == set(FORMATS)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_writer_of_a_format_exists(name: str) -> None:
+    module, _, function = f"flexstage.export.{FORMATS[name].writer}".rpartition(".")
+    assert callable(getattr(import_module(module), function))
 
 
 @pytest.mark.parametrize("name", sorted(_HOLDS))

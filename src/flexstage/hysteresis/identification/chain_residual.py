@@ -59,7 +59,7 @@ _SAMPLES = 25_000
 #: Parts of the cycles that are omitted in turn, for the standard errors of the chain, ...
 _PARTS = 8
 #: ... and step of its values for these, as a share of the search range.
-STEP = 0.01
+_STEP = 0.01
 
 #: Samples of a record that a spectrum is fitted to.
 _SPECTRUM_SAMPLES = 50_000
@@ -75,11 +75,16 @@ _SIMILAR = 1e-2
 _SPECTRUM_PARTS, _SPECTRUM_RUNS = 12, 3
 #: Times that the grid of delays is refined about the best one, by half.
 _REFINEMENTS = 2
-#: Weight that each iteration begins with at least: one of zero stays zero.
+#: Weight of each lag that the first iteration begins with, ...
+_FIRST_WEIGHT = 0.01
+#: ... and that each begins with at least: one of zero stays zero.
 _LEAST_WEIGHT = 1e-4
 #: Largest number of iterations of densities and weights, and the change that ends them.
 _ITERATIONS = 40
 _CONVERGED = 1e-5
+
+#: Mark of the rows of a part in each record.
+_Part = tuple[NDArray[np.bool_], ...]
 
 
 class ChainResidual:
@@ -211,7 +216,7 @@ class ChainResidual:
         the residual is a paraboloid, so that a few chains are enough.
         """
         names = tuple(limits)
-        step = STEP * np.array([limits[name] for name in names])
+        step = _STEP * np.array([limits[name] for name in names])
         at = np.maximum([getattr(best, name) for name in names], step)
         parts = folds_of(self._data, _PARTS, runs)
         if len(parts) < 3:
@@ -253,9 +258,7 @@ class ChainResidual:
             squares.append(square / max(held_out.count, 1))
         return np.array(squares)
 
-    def _part_equations(
-        self, chain: ChainValues, parts: list[tuple[NDArray[np.bool_], ...]]
-    ) -> list[Normal]:
+    def _part_equations(self, chain: ChainValues, parts: list[_Part]) -> list[Normal]:
         """Equations of the columns and their creep: of all rows, and without each part."""
         if self._known_modes is not None:
             chain = replace(chain, resonance_hz=0.0)
@@ -426,7 +429,7 @@ class SpectrumFit:
     def best(self, delays: Array) -> tuple[ChainValues, float]:
         """Return the best chain, by its delay on a grid that is refined, and its mean square."""
         solved: dict[float, tuple[Array, float]] = {}
-        weights, grid, best = np.full(self._times.size, 0.01), delays, 0.0
+        weights, grid, best = np.full(self._times.size, _FIRST_WEIGHT), delays, 0.0
         for _ in range(_REFINEMENTS + 1):
             for delay, (normal,) in zip(grid, self._equations(grid, self._lags), strict=True):
                 solved[float(delay)] = self._weights(normal, weights)
@@ -453,60 +456,74 @@ class SpectrumFit:
 
     def left_out(self, chain: ChainValues) -> Array:
         """Return the mean squares behind a chain of parts that are omitted in turn."""
-        ((total, *others),), factors = self._of_chain(chain, parts=True)
+        ((total, *others),), factors = self._of_chain(chain, self._parts())
         return self._left_out(total, others, [factors] * len(others))
 
     def _of_chain(
-        self, chain: ChainValues, *, parts: bool = False
+        self, chain: ChainValues, parts: Sequence[_Part] = ()
     ) -> tuple[list[list[Normal]], Array]:
         """Equations behind a known chain, and the factors of its columns and of their change."""
         creeps = [chain] if chain.creep_per_decade > 0.0 else []
-        return self._equations([chain.delay], creeps, parts=parts), np.ones(1 + len(creeps))
+        return self._equations([chain.delay], creeps, parts), np.ones(1 + len(creeps))
 
-    def of_parts(self, chain: ChainValues, step: float) -> tuple[Array, dict[str, float]]:
-        """Fit the weights, and the delay within a step if it is positive, without each part.
-
-        Returns the mean squares of the parts, and the standard errors of the chain.
-        """
+    def of_parts(self, chain: ChainValues) -> Array:
+        """Return the mean squares of parts, each behind the weights that are fitted without it."""
         start = np.zeros(self._times.size)
         if chain.spectrum is not None:
             start[np.isin(self._times, chain.spectrum.times)] = chain.spectrum.weights
-        around = np.array([[-1.0], [0.0], [1.0]]) if step > 0.0 else np.zeros((1, 1))
-        every = self._equations(
-            max(chain.delay, step) + step * around[:, 0], self._lags, parts=True
-        )
-        fits = [[self._weights(normal, start) for normal in normals] for normals in every]
-        total, *others = every[around.size // 2]
-        weights = [w for w, _ in fits[around.size // 2][1:]]
-        squares = self._left_out(total, others, [np.append(1.0, w) for w in weights])
-        if len(others) < 3:
-            return squares, dict.fromkeys(("delay", "creep_per_decade"), math.inf)
-        gains = np.sum(weights, axis=1)
-        share = jackknife(gains) / max(float(np.mean(gains)), 1e-300)
-        errors = {"creep_per_decade": float(share) * chain.creep_per_decade}
-        if step > 0.0:
-            costs = np.array([[mean_square for _, mean_square in f[1:]] for f in fits]).T
-            error = step * float(jackknife(np.array([_lowest(around, c)[0] for c in costs])))
-            errors["delay"] = error if math.isfinite(error) else math.inf
-        return squares, errors
+        ((total, *others),) = self._equations([chain.delay], self._lags, self._parts())
+        weights = [self._weights(normal, start)[0] for normal in others]
+        return self._left_out(total, others, [np.append(1.0, w) for w in weights])
+
+    def errors(self, chain: ChainValues, delays: Array) -> dict[str, float]:
+        """Standard errors of delay and creep: the jackknife over all records.
+
+        The slowest and the fastest record decide most, and are omitted in turn as the others are.
+        Without each record both are found anew on a grid of delays, as one makes up for the other.
+        """
+        use = self._data.use
+        used = [k for k, rows in enumerate(use) if rows.any()]
+        if len(used) < 3 or chain.spectrum is None:
+            return dict.fromkeys(("delay", "creep_per_decade"), math.inf)
+        records = [tuple(rows & (i == k) for i, rows in enumerate(use)) for k in used]
+        _, *without = zip(*self._equations(delays, self._lags, records), strict=True)
+        late, gains = np.empty((2, len(records)))
+        for k, normals in enumerate(without):
+            weights, fits = np.full(self._times.size, _FIRST_WEIGHT), []
+            for normal in normals:
+                weights, square = self._weights(normal, weights)
+                fits.append((square, weights.sum()))
+            squares, gain = np.array(fits).T
+            late[k] = _lowest_between(delays, squares)
+            gains[k] = np.interp(late[k], delays, gain)
+        per_decade = chain.creep_per_decade / sum(chain.spectrum.weights)
+        return {
+            "delay": float(jackknife(late)),
+            "creep_per_decade": per_decade * float(jackknife(gains)),
+        }
 
     def _equations(
-        self, delays: Sequence[float] | Array, creeps: Sequence[ChainValues], *, parts: bool = False
+        self,
+        delays: Sequence[float] | Array,
+        creeps: Sequence[ChainValues],
+        parts: Sequence[_Part] = (),
     ) -> list[list[Normal]]:
         """Equations behind each delay: of the columns, and of their change by each creep.
 
-        Of all rows, and on request without each part of them.
+        Of all rows, and without each of some parts.
         """
         data = self._data
         sections = zip(self._columns, data.sections, data.rows, strict=True)
         behind = [_behind_delays(c, s, r, delays, creeps) for c, s, r in sections]
-        left_out = _parts_to_leave_out(data, joint=self._joint) if parts else []
         every = []
         for columns in map(list, zip(*behind, strict=True)):
             total = equations(columns, data)
-            without = [total - equations(columns, data.with_use(part)) for part in left_out]
+            without = [total - equations(columns, data.with_use(part)) for part in parts]
             every.append([total, *without])
         return every
+
+    def _parts(self) -> list[_Part]:
+        return _parts_to_leave_out(self._data, joint=self._joint)
 
     def _densities(self, normal: Normal, factors: Array) -> Solution:
         return solve(group_sums(normal, factors), smoothing=self._penalty * normal.count)
@@ -537,7 +554,7 @@ class SpectrumFit:
         return a, last / normal.count
 
 
-def _parts_to_leave_out(data: FitData, *, joint: bool) -> list[tuple[NDArray[np.bool_], ...]]:
+def _parts_to_leave_out(data: FitData, *, joint: bool) -> list[_Part]:
     """Whole records at rates within those of others, or parts of the cycles if these are few.
 
     A spectrum is valid between the rates of its records, and cannot be judged beyond them.
@@ -556,6 +573,16 @@ def _parts_to_leave_out(data: FitData, *, joint: bool) -> list[tuple[NDArray[np.
     folds = folds_of(data, _SPECTRUM_PARTS, _SPECTRUM_RUNS)
     count = sum(int(use.sum()) for use in data.use)
     return [f for f in folds if 0 < sum(int(part.sum()) for part in f) < count]
+
+
+def _lowest_between(x: Array, cost: Array) -> float:
+    """Minimum of the parabola through the lowest cost and its neighbours, or the lowest end."""
+    k = int(np.argmin(cost))
+    near = slice(k - 1, k + 2)
+    if not 0 < k < x.size - 1 or not np.all(np.isfinite(cost[near])):
+        return float(x[k])
+    square, slope, _ = np.polyfit(x[near] - x[k], cost[near], 2)
+    return float(x[k] - 0.5 * slope / square) if square > 0.0 else float(x[k])
 
 
 def _behind_delays(

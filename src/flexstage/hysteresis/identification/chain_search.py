@@ -13,7 +13,6 @@ from scipy.optimize import minimize, minimize_scalar
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import Start
 from flexstage.hysteresis.identification.chain_residual import (
-    STEP,
     ChainResidual,
     SpectrumFit,
     is_better,
@@ -317,7 +316,7 @@ def with_spectrum(
         return joint
     fit = SpectrumFit(data, estimate.values, train, joint=False)
     chain, _ = fit.best(np.array([estimate.values.delay]))
-    before, after = fit.left_out(estimate.values), fit.of_parts(chain, 0.0)[0]
+    before, after = fit.left_out(estimate.values), fit.of_parts(chain)
     is_worse = chain.spectrum is None or fit.squares(chain)[1] > fit.squares(estimate.values)[1]
     if is_worse or not is_better(before, after, _SPECTRUM_REDUCTION):
         return data, estimate
@@ -331,19 +330,20 @@ def _joint_spectrum(
     before, longest = estimate.values, _longest_delay(data)
     fit = SpectrumFit(data, before, train, joint=True)
     fit_before, (square, square_common) = fit, fit.squares(before)
-    chain, least = fit.with_starts().best(
-        np.union1d(longest * np.array(_DELAYS), min(before.delay, longest))
-    )
+    delays = np.union1d(longest * np.array(_DELAYS), min(before.delay, longest))
+    chain, least = fit.with_starts().best(delays)
     if least > (1.0 - _JOINT_REDUCTION) * square or chain.spectrum is None:
         return None
     fit, starts = _spectrum_starts(fit, data, chain.delay)
-    near = np.clip(chain.delay + longest * np.array(_NEAR), 0.0, longest)
-    chain, _ = fit.best(np.unique(near))
+    near = np.unique(np.clip(chain.delay + longest * np.array(_NEAR), 0.0, longest))
+    chain, _ = fit.best(near)
     if chain.spectrum is None or fit.squares(chain)[1] > square_common:
         return None
-    squares, errors = fit.of_parts(chain, STEP * longest)
-    if not is_better(fit_before.left_out(before), squares, _JOINT_REDUCTION):
+    if not is_better(fit_before.left_out(before), fit.of_parts(chain), _JOINT_REDUCTION):
         return None
+    # those of both grids, without any that differ by rounding alone
+    delays = np.unique(np.round(np.append(delays, near) / longest, 6)) * longest
+    errors = fit.errors(chain, delays)
     sections = tuple(replace(s, start=a) for s, a in zip(data.sections, starts, strict=True))
     at_limits = _at_limits(before, longest)
     notes = tuple(n for n in estimate.notes if n not in at_limits) + _at_limits(chain, longest)
