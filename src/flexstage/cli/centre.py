@@ -30,7 +30,7 @@ def centre(
     *,
     request: CentreRequest,
     read_options: ReadOptions,
-    stage: Annotated[str | None, typer.Option(metavar="STAGE")] = None,
+    stage: Annotated[str | None, typer.Option(metavar="NAME")] = None,
     figure: FigureFile = None,
     json: JsonOption = False,
 ) -> None:

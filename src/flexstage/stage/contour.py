@@ -103,8 +103,9 @@ def root_reaches(stage: Stage, hinge: Hinge) -> tuple[float, float]:
     """Return how far the roots of a hinge reach into its two bodies, in heights of the root [1].
 
     It is `flexstage.hinges.hinge_spring.ROOT_REACH`, but in a corner of a bent strip, a body two of
-    whose edges are roots from end to end. Where these meet, both hinges reach to where their middle
-    lines cross; in a bend as thick as the strip they share its length.
+    whose edges are roots from end to end. Where these meet, hinges reach to the middle of it, leaves
+    without a step to where their middle lines cross; in a bend as thick as the strip such leaves
+    share its length.
     """
     a, b = (root_reach(stage, hinge, hinge_root(stage, hinge, which)) for which in (0, 1))
     return a, b
@@ -121,8 +122,12 @@ def root_reach(stage: Stage, hinge: Hinge, root: Root) -> float:
         around = hinge_root(stage, other, other.bodies.index(root.body))
         if not _fills(around):
             continue
-        apart = min(math.dist(p, q) for p in root.edge for q in around.edge)
-        if apart <= TOLERANCE:
+        touching = min(math.dist(p, q) for p in root.edge for q in around.edge) <= TOLERANCE
+        if hinge.profile.depth > 0.0 or other.profile.depth > 0.0:
+            if touching:
+                return 0.5 * math.dist(*around.edge) / height
+            continue
+        if touching:
             return _to_crossing(root, around) / height
         bend = _bend_length(stage.body(root.body), root, around)
         if bend is not None:

@@ -137,7 +137,7 @@ class StudyRequest(Request):
 class ScaleRequest(Request):
     """Stages that a rotary table needs to centre its scale."""
 
-    stage: Annotated[tuple[str, ...], Written("STAGE")] = ()
+    stage: Annotated[tuple[str, ...], Written("NAME")] = ()
     """Stage to judge, a file or a built-in design (default: all built-in designs that move along x
     and y).
     """
