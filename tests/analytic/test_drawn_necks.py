@@ -349,3 +349,50 @@ def test_a_strip_that_tapers_is_refused(tmp_path) -> None:
     _write_lines(path := tmp_path / "part.dxf", [loop])
     with pytest.raises(StageError, match="matches no hinge profile"):
         read_drawing(path)
+
+
+def _leaves(stage: Stage) -> list[tuple[float, float, float]]:
+    """Return centre and length of the leaves of a stage [mm]."""
+    assert {h.profile.kind for h in stage.hinges} == {"leaf"}
+    return sorted(tuple(round(1e3 * v, 6) for v in (*h.at, h.profile.length)) for h in stage.hinges)
+
+
+def test_leaves_may_share_one_straight_side(tmp_path) -> None:
+    """Two legs carry a beam whose halves share their upper side, symmetric about x = 30 mm."""
+    outline = [(-5, -10), (65, -10), (65, 0), (60, 0), (60, 20.5), (0, 20.5), (0, 0), (-5, 0)]
+    window = [(0.5, 0), (59.5, 0), (59.5, 20), (35, 20), (35, 15), (25, 15), (25, 20), (0.5, 20)]
+    stage = _found([_straight(*outline), _straight(*window)], tmp_path / "part.dxf")
+    assert _leaves(stage) == [
+        *((0.25, 10.0, 20.0), (12.75, 20.25, 24.5), (47.25, 20.25, 24.5), (59.75, 10.0, 20.0)),
+    ]
+    assert len(stage.bodies) == 4
+
+
+@pytest.mark.parametrize("bulge", [0.0, 1.0])
+def test_a_strip_with_a_free_end_is_no_leaf(bulge: float, tmp_path) -> None:
+    """A leg with a bar across its end, on which nothing hangs."""
+    loop = [
+        *_straight((-10, -5), (10, -5), (10, 0), (0.25, 0), (0.25, 10)),
+        *((10, 10, bulge), (10, 10.5, 0.0), (-10, 10.5, bulge), (-10, 10, 0.0)),
+        *_straight((-0.25, 10), (-0.25, 0), (-10, 0)),
+    ]
+    limit = ContourOptions(neck_limit=1.2e-3)
+    stage = _found([loop], tmp_path / "part.dxf", contours=limit)
+    assert _leaves(stage) == [(0.0, 5.0, 10.0)]
+    assert len(stage.bodies) == 2
+
+
+@pytest.mark.parametrize(("leg", "link"), [(1.0, 0.9), (0.9, 1.0)])
+def test_a_strip_is_one_leaf_however_it_is_found(leg: float, link: float, tmp_path) -> None:
+    """Legs joined by a link too short to continue them, which continues in both of them."""
+    lower = [(0, 0), (-12, 0), (-12, -10), (14, -10), (14, 0), (leg, 0), (leg, 10), (1.3, 10)]
+    lower += [(1.3, 10.65 - 0.5 * link), (2.1, 10.65 - 0.5 * link), (2.1, 10), (3.4, 10)]
+    upper = [(3.4 - x, 21.3 - y) for x, y in lower]
+    limit = ContourOptions(neck_limit=1.05e-3)
+    stage = _found([_straight(*lower, *upper)], tmp_path / "part.dxf", contours=limit)
+    half = 0.5 * leg
+    assert _leaves(stage) == [
+        (half, 5.0, 10.0),
+        (1.7, 10.65, 0.8),
+        (round(3.4 - half, 6), 16.3, 10.0),
+    ]

@@ -2,17 +2,20 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.quantities.table import Section
+from flexstage.report import traditional as report
 from flexstage.report.page import sections_html
 from flexstage.report.traditional import claim_table, drift_table, error_table, other_table
 from flexstage.stage.checks import check
 from flexstage.stage.designs import design
 from flexstage.stage.designs.two_guides import SideBySideXYParameters, side_by_side_xy
+from flexstage.stage.designs.vgtu import PredictedRanges
 from flexstage.stage.drive import StackActuator, VoiceCoil
 from flexstage.studies.guided_axes import (
     direct_actuator,
@@ -157,3 +160,28 @@ def test_a_stage_with_guides_on_one_side_has_lost_four_legs() -> None:
 def test_a_stage_of_which_nothing_is_claimed_is_refused() -> None:
     with pytest.raises(ModelError, match="no claim on the motion errors of 'parallelo"):
         compare_traditional(design("parallelogram"))
+
+
+def test_ranges_that_are_not_known_are_left_out(monkeypatch):
+    axes = [SimpleNamespace(axis="x"), SimpleNamespace(axis="y")]
+    characteristics = SimpleNamespace(value=lambda *_: 50e-6)
+    main = SimpleNamespace(axes=axes, characteristics=characteristics)
+    study = SimpleNamespace(stage=None, main=main)
+
+    def said(values: dict[tuple[str, str], tuple[float, float]]) -> list[str]:
+        ranges = PredictedRanges(values=values, source="Source.")
+        monkeypatch.setattr(report, "predicted_ranges", lambda _: ranges)
+        return [*report._ranges_of_motion(study), *report._ranges_of_drift(study)]
+
+    # 0.2 and 0.4 % of 50 um
+    motion, drift = said(
+        {("cross_coupling", "x"): (2e-3, 4e-3), ("thermal_drift", "y"): (1e-9, 3e-9)}
+    )
+    assert "Without manufacture, motion across is 0.100 to 0.200 µm in x, at 95 %" in motion
+    assert "drift at the probes is 1.00 to 3.00 nm/K in y. Source." in drift
+    (turned,) = said({("parasitic_rotation", axis): (1e-6, 2e-6) for axis in "xy"})
+    assert (
+        "Without manufacture, rotation is 1.00 to 2.00 µrad in x and 1.00 to 2.00 µrad in y, "
+        in turned
+    )
+    assert said({("mass", "stage"): (1.0, 2.0)}) == []

@@ -4,6 +4,7 @@ import json
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -221,6 +222,8 @@ def test_stored_ranges_are_of_the_described_stage(stored: dict[str, Any], name: 
     low, high = found.values["natural_frequency_hz", "x"]
     assert math.log(high / low) == pytest.approx(2 * 1.96 * 0.005, rel=0.03)
     assert predicted_ranges(StageTemplate.of(name, {"thickness": "9 mm"}).stage()) is None
+    # one of the same name and published figures, of another geometry
+    assert predicted_ranges(replace(design(name), thickness=5e-3)) is None
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from flexstage.base.choose import listed
 from flexstage.quantities.quantity import number
 from flexstage.quantities.table import Bullets, Cell, Column, Content, Table, table
-from flexstage.stage.designs.vgtu import predicted_ranges
+from flexstage.stage.designs.vgtu import PredictedRanges, predicted_ranges
 from flexstage.studies.guided_axes import Mounting
 from flexstage.studies.traditional import (
     LOADS,
@@ -39,28 +39,37 @@ def _ranges_of_motion(study: "Study") -> Iterator[str]:
     """Yield the ranges of motion across and rotation of the stage as described."""
     if (ranges := predicted_ranges(study.stage)) is None:
         return
-    across, turned = [], []
-    for axis in study.main.axes:
-        travel = study.main.characteristics.value("output_displacement", axis.axis)
-        text = ranges.text("cross_coupling", axis.axis, _UM * travel)
-        across.append(f"{text} µm in {axis.axis}")
-        turned.append(f"{ranges.text('parasitic_rotation', axis.axis, _UM)} µrad in {axis.axis}")
-    yield (
-        f"The geometry is fitted. Without manufacture, motion across is {listed(across)} and "
-        f"rotation {listed(turned)}, at 95 %. Straightness has no range: condensed finite elements "
-        f"move straight. {ranges.source}"
+    across = {
+        axis.axis: study.main.characteristics.value("output_displacement", axis.axis)
+        for axis in study.main.axes
+    }
+    sentences = (
+        ("motion across", _by_axis(ranges, "cross_coupling", across, "µm")),
+        ("rotation", _by_axis(ranges, "parasitic_rotation", dict.fromkeys(across, 1.0), "µrad")),
     )
+    if known := [f"{what} is {text}" for what, text in sentences if text]:
+        yield (
+            f"The geometry is fitted. Without manufacture, {' and '.join(known)}, at 95 %. "
+            "Straightness has no range: condensed finite elements move straight. "
+            f"{ranges.source}"
+        )
 
 
 def _ranges_of_drift(study: "Study") -> Iterator[str]:
     """Yield the ranges of the drift of the probes."""
     if (ranges := predicted_ranges(study.stage)) is None:
         return
-    drifts = (
-        f"{ranges.text('thermal_drift', axis.axis, 1e3 * _UM)} nm/K in {axis.axis}"
-        for axis in study.main.axes
-    )
-    yield f"The geometry is fitted: drift at the probes is {listed(drifts)}. {ranges.source}"
+    factors = {axis.axis: 1e3 for axis in study.main.axes}
+    if text := _by_axis(ranges, "thermal_drift", factors, "nm/K"):
+        yield f"The geometry is fitted: drift at the probes is {text}. {ranges.source}"
+
+
+def _by_axis(
+    ranges: PredictedRanges, quantity: str, factors: Mapping[str, float], unit: str
+) -> str:
+    """Return the ranges of the axes that have one, times a millionth of factors."""
+    texts = {axis: ranges.text(quantity, axis, _UM * factor) for axis, factor in factors.items()}
+    return listed(f"{text} {unit} in {axis}" for axis, text in texts.items() if text)
 
 
 def drift_section(study: "Study") -> Iterator[Content]:

@@ -378,7 +378,8 @@ def has_sharp_root(stage: Stage, hinge: Hinge) -> bool:
     """Return whether a hinge ends in a corner without a radius, where it is thin.
 
     In linear elasticity the stress there has no bound. A step counts if it begins within half of
-    the thickness of the neck; without a step, the contour of the bodies decides.
+    the thickness of the neck; without a step, the contour of the bodies decides. A kink within a
+    contour, as one as drawn can have, is not recognised.
     """
     profile = hinge.profile
     if profile.depth > 0.0:

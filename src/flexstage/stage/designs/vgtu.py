@@ -347,9 +347,9 @@ class PredictedRanges:
 
 
 def predicted_ranges(stage: Stage) -> PredictedRanges | None:
-    """Return the ranges of a stage of the study; None for any other, also if based on it."""
+    """Return the ranges of a stage of the study; None for one that differs from it."""
     known = next((k for k in (MECHANICAL, PIEZO) if k.name == stage.name), None)
-    if known is None or known.construct().published != stage.published:
+    if known is None or known.construct() != stage:
         return None
     return _stored_ranges(stage.name)
 

@@ -35,14 +35,11 @@ def find_necks(
     """
     thin_places = relief(part)
     passes = _select_necks(part, thin_places, limit)
-    necks = []
-    cut: set[tuple[int, int]] = set()
+    necks: list[Neck] = []
     for each in passes:
         strips = strips_of(part, each, limit)
         if len(strips) > 1:
-            # another thin place may lie in the same strip
-            necks += [n for n in strips if not cut & _strokes(n)]
-            cut |= set().union(*map(_strokes, strips))
+            necks += _others(strips, necks)
             continue
         neck = neck_of(part, each) or (strips[0] if strips else None)
         if neck is None:
@@ -54,7 +51,7 @@ def find_necks(
                 "the drawing there, or exclude the neck by --contours neck_limit=LENGTH below its "
                 "thickness"
             )
-        necks.append(neck)
+        necks += _others([neck], necks)
     if not necks and limit is not None and thin_places.passes:
         thinnest = min(p.thickness for p in thin_places.passes)
         raise StageError(
@@ -72,9 +69,21 @@ def find_necks(
     return parted(necks), (thickest, min(others)) if others else None
 
 
-def _strokes(neck: Neck) -> set[tuple[int, int]]:
-    """Return contour and piece of both sides of a neck."""
-    return {(p.contour, p.stroke) for p in (neck.sides.right, neck.sides.left)}
+def _others(candidates: Sequence[Neck], necks: Sequence[Neck]) -> list[Neck]:
+    """Return candidates without those that are known from another thin place."""
+    known = {_lines(n) for n in necks} - {None}
+    return [n for n in candidates if _lines(n) not in known]
+
+
+def _lines(neck: Neck) -> frozenset[tuple[int, int]] | None:
+    """Return contour and piece of both sides, two lines, which face each other once at most.
+
+    It is None where a side is no line.
+    """
+    strokes = (neck.sides.stroke(left) for left in (False, True))
+    if any(s.curve.bulge or s.trace for s in strokes):
+        return None
+    return frozenset((p.contour, p.stroke) for p in (neck.sides.right, neck.sides.left))
 
 
 def _select_necks(part: DrawnPart, thin_places: Relief, limit: float | None) -> list[Pass]:

@@ -2,7 +2,8 @@
 
 The sides of a strip are two parallel straight lines. Where both turn, and the next two lines are as
 far apart, the strip continues: what lies between is a small body in the corner. It ends where no
-such lines follow, in the edge of a body or as wide as the body.
+such lines follow, in the edge of a body or as wide as the body. A strip with a free end holds no
+body, and is part of the one that it grows from.
 """
 
 import math
@@ -41,6 +42,8 @@ class _StripRules:
     bend: float = 0.5
     """Distance of the ends of two strips along the outer side of a corner below which it is a bend.
     """
+    round_end: float = 1.01
+    """Bulge of an arc below which it closes a strip without a body there; half a circle has 1."""
     cut: float = 0.4
     """Length by which a strip is cut short at a bend, for the body there."""
 
@@ -203,8 +206,17 @@ def _continues(strip: _Strip, onward: _Strip, limit: float | None) -> bool:
         and (limit is None or onward.thickness <= 1.05 * limit)
         and abs(turn) > PARALLEL
         and math.dist(strip.end(True), onward.end(False)) <= _RULES.corner * thick
+        and not _is_free(onward.sides)
         and _mean_thickness(strip, onward) < _RULES.uneven * thick
     )
+
+
+def _is_free(sides: Sides) -> bool:
+    """Return whether one line, or an arc up to half a circle, closes a strip ahead."""
+    contour, stroke = _moved(sides.part, sides.right, 1)[:2]
+    if (contour, stroke) != _moved(sides.part, sides.left, -1)[:2]:
+        return False
+    return sides.part.contours[contour].strokes[stroke].curve.bulge < _RULES.round_end
 
 
 def _mean_thickness(strip: _Strip, onward: _Strip) -> float:

@@ -210,19 +210,21 @@ class _Fit:
         """Return the most probable coordinates, and those of the same by the linear model there.
 
         They differ only where limits of the geometry exclude the latter. A search that leaves the
-        given figures unexplained is repeated from elsewhere.
+        given figures unexplained is repeated from elsewhere, until one explains them.
         """
         first = self._from(start)
         if self._explained(first[0]):
             return first
         # limits of the geometry may stop the search on the way
         generator = np.random.default_rng(0)
-        others = [
-            self._from(z)
-            for z in generator.standard_normal((_EFFORT.starts, self.size))
-            if self.stages.exists(z)
-        ]
-        return min((first, *others), key=lambda pair: self._cost(pair[0]))
+        searches = [first]
+        for z in generator.standard_normal((_EFFORT.starts, self.size)):
+            if not self.stages.exists(z):
+                continue
+            searches.append(self._from(z))
+            if self._explained(searches[-1][0]):
+                return searches[-1]
+        return min(searches, key=lambda pair: self._cost(pair[0]))
 
     def _from(self, start: Array) -> tuple[Array, Array]:
         try:
