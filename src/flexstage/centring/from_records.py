@@ -248,8 +248,8 @@ def centre_files(
     """Analyse files as `centre_records` does; without options, by their columns angle and error."""
     records, described = read_turns(files, with_table(request), how)
     # the request as it was given can be repeated
-    given = replace(request, angle=described.angle, error=described.error)
-    return replace(centre_records(records, described), request=given)
+    requested = replace(request, angle=described.angle, error=described.error)
+    return replace(centre_records(records, described), request=requested)
 
 
 def centre_records(records: Sequence[Record], options: CentreRequest) -> CentredRecords:

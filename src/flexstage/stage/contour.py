@@ -103,9 +103,9 @@ def root_reaches(stage: Stage, hinge: Hinge) -> tuple[float, float]:
     """Return how far the roots of a hinge reach into its two bodies, in heights of the root [1].
 
     It is `flexstage.hinges.hinge_spring.ROOT_REACH`, but in a corner of a bent strip, a body two of
-    whose edges are roots from end to end. Where these meet, hinges reach to the middle of it, leaves
-    without a step to where their middle lines cross; in a bend as thick as the strip such leaves
-    share its length.
+    whose edges are roots from end to end. Where these meet, hinges reach to the middle of it, and
+    leaves without a step to where their middle lines cross; in a bend as thick as the strip such
+    leaves share its length.
     """
     a, b = (root_reach(stage, hinge, hinge_root(stage, hinge, which)) for which in (0, 1))
     return a, b

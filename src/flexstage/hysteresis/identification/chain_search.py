@@ -300,14 +300,15 @@ def with_spectrum(
 
     Delay and starts follow from three or more rates; otherwise, and if they do not halve the mean
     square of held-out records, they are those of the estimate. Data and estimate are returned
-    unchanged at one rate, where hysteresis and spectrum cannot be separated, if the rms error of
-    held-out cycles falls by less than a tenth, and if that with a common zero rises.
+    unchanged at one rate, where hysteresis and spectrum cannot be separated, for steady loops at
+    two rates, which determine one number of creep, if the rms error of held-out cycles falls by
+    less than a tenth, and if that with a common zero rises.
 
     Validity: records of one drive in one state. Differences between records of different rates for
     another reason, such as the range of a sensor or the temperature, are mistaken for relaxation.
     """
     rates = data.rates_hz
-    if len(rates) < 2:
+    if len(rates) < 2 or (len(rates) < 3 and all(s.periodic for s in data.sections)):
         return data, estimate
     joint = None
     if len(rates) > 2 and "delay" in estimate.searched:
