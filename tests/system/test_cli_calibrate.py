@@ -293,6 +293,16 @@ def test_a_certificate_states_object_records_and_table(
     with pytest.raises(SystemExit) as ended:
         main(["calibrate", "faces.csv", "--noise", "0.1", *stated, "--item", "prism no. 12"])
     assert not ended.value.code
+    for path, message in (("c.pdf", "must end in .html"), ("no/c.html", "Not a directory")):
+        words = ["calibrate", "faces.csv", "--certificate", path, "--item", "x"]
+        if "/" in path:
+            Path("no").write_text("a file, no folder")
+        with pytest.raises(SystemExit) as ended:
+            main([*words, "--folder", "made"])
+        assert ended.value.code
+        assert message in capsys.readouterr().err
+        # refused before the work
+        assert not Path("made").exists()
     page = Path("c.html").read_text("utf-8")
     assert "prism no. 12" in page
     assert "closed circle &lt;360&gt;" in page

@@ -226,19 +226,6 @@ def expanded_uncertainty(table: RotaryTable, eccentricity: float) -> float:
     The contributions are combined as independent (GUM, JCGM 100:2008, 5.1.2), with a coverage
     factor of 2 for nearly normal errors. Where one sine dominates this is more than its amplitude,
     by a factor of up to 1.41, and covers all errors.
-
-    Examples
-    --------
-    >>> from flexstage.centring.table_file import table_from_text
-    >>> table = table_from_text('''
-    ... table: 1
-    ... name: one head
-    ... scale: {radius: 50 mm, eccentricity: 50 um}
-    ... heads: {angles: [0 deg], noise: 0.1 arcsec}
-    ... tolerance: {error: 0.5 arcsec}
-    ... ''')
-    >>> print(f"{expanded_uncertainty(table, 0.0) / ARCSEC:.3f} arcsec")
-    0.200 arcsec
     """
     rows = contributions(table, eccentricity)
     return COVERAGE * math.hypot(*(c.uncertainty(table.tolerance.reading) for c in rows))

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -18,13 +18,11 @@ from flexstage.cli.output import (
     print_result,
     print_table,
     print_text,
+    writable,
     write_folder,
     write_picture,
 )
 from flexstage.records.read_options import ReadOptions
-
-if TYPE_CHECKING:
-    from flexstage.centring.calibrate import Calibration
 
 #: Most points of a circle that are printed.
 _MOST_POINTS = 24
@@ -59,10 +57,13 @@ def calibrate(
     """
     from flexstage.centring.calibrate import calibrate_files, calibration_files
     from flexstage.centring.calibration import best_heads
+    from flexstage.files.write import write_whole
+    from flexstage.report.certificate import certificate_page
 
+    page = _certificate_path(certificate)
     if request.best_heads is not None and not records:
         refuse(folder, "--best-heads has no tables to write: omit --folder")
-        refuse(certificate.certificate, "--best-heads calibrates nothing: omit --certificate")
+        refuse(page, "--best-heads calibrates nothing: omit --certificate")
         result = best_heads(
             request.best_heads,
             request.orders or range(1, 13),
@@ -74,7 +75,9 @@ def calibrate(
     else:
         result = calibrate_files(records or [], request, read_options)
         files = write_folder(folder, partial(calibration_files, result))
-        files += _write_certificate(result, certificate, records or [])
+        if page is not None:
+            write_whole(page, certificate_page(result, certificate, records or []))
+            files.append(page)
     files += write_picture(figure, result.plot)
     data = result.to_dict()
     if json:
@@ -84,18 +87,16 @@ def calibrate(
     print_notes(console(), data.get("notes", ()), files)
 
 
-def _write_certificate(
-    result: "Calibration", request: CertificateRequest, records: list[Path]
-) -> list[Path]:
-    """Write the certificate, if one is requested."""
+def _certificate_path(request: CertificateRequest) -> Path | None:
+    """Return the path of the certificate, if one is requested; refuse one that is not writable."""
     if request.certificate is None:
-        return []
-    from flexstage.files.write import write_whole
-    from flexstage.report.certificate import certificate_page
-
+        return None
     path = Path(request.certificate)
-    write_whole(path, certificate_page(result, request, records))
-    return [path]
+    refuse(
+        path.suffix.lower() != ".html",
+        f"--certificate writes a page: its name must end in .html, got '{path.name}'",
+    )
+    return writable(path)
 
 
 def print_calibration(result: dict[str, Any]) -> None:

@@ -161,6 +161,8 @@ class Centre(Verb):
         from flexstage.experiments.command import move_to_rest
         from flexstage.virtual.table import VirtualBench
 
+        # files of an earlier run are refused before anything moves
+        measure = None if self.records is None else self._measure(name, self.records)
         move_to_rest(context.instrument, self.axes)
         first, second = (context.plan.sensor(s).channel for s in self.sensors)
         positioner = InstrumentPositioner(
@@ -173,11 +175,9 @@ class Centre(Verb):
         )
         positioner.to_middle()
         true_lengths: Iterable[float | None] = repeat(None)
-        if self.records is None:
+        if measure is None:
             bench = VirtualBench(self.table(), positioner)
             measure, true_lengths = bench.measure, bench.true_lengths
-        else:
-            measure = self._measure(name, self.records)
         centring = centre(measure, positioner, target=self.target, moves=self.moves)
         moves = []
         for step, true in zip(centring.steps, true_lengths, strict=False):
@@ -341,8 +341,8 @@ def _await(file: Path, longest: float) -> None:
             changed = time.monotonic()
         if size <= 0 and time.monotonic() > began + longest:
             raise PlanError(
-                f"no record {file} was written within {longest:g} s: write it and continue by "
-                "--resume, or increase wait"
+                f"no record {file} was written within {longest:g} s: increase wait, move the files "
+                "of this step out of the folder, and repeat the step by --resume"
             )
         time.sleep(_POLL)
 
