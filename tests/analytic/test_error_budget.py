@@ -28,6 +28,7 @@ from flexstage.centring.table_file import (
     table_from_text,
 )
 from flexstage.centring.turns import code_faults
+from flexstage.virtual import VirtualTable
 
 THETA = 2.0 * np.pi * np.arange(3600) / 3600
 ONE = (0.3,)
@@ -87,8 +88,31 @@ def test_a_motion_of_the_axis_reaches_the_mean_as_order_one(angles) -> None:
     )
     (row,) = (r for r in contributions(described, 1e-15) if "synchronous" in r.cause)
     assert row.each == pytest.approx(np.abs(read[0]).max(), rel=1e-3)
+    # of the mean, the translation in the worst direction
+    directions = np.linspace(0.0, 2.0 * np.pi, 361)
+    at_rest = np.zeros(directions.size)
+    worst = 0.4e-6 * np.stack((np.cos(directions), np.sin(directions)), axis=1)
+    read = [
+        exact_error(at_rest, (0.0, 0.0), 48e-3, head_angle=a, axis_motion=worst) for a in angles
+    ]
     largest = np.abs(np.mean(read, axis=0)).max()
-    assert largest <= row.mean * (1.0 + 1e-3) + 1e-10  # the square of m / R besides
+    # the square of m / R besides
+    assert row.mean == pytest.approx(largest, rel=1e-3, abs=1e-10)
+
+
+def test_the_simulated_table_moves_as_it_is_described() -> None:
+    one = replace(
+        TABLE,
+        scale=replace(TABLE.scale, eccentricity=1e-12, ellipticity=3e-6),
+        heads=Heads(angles=(0.5 * math.pi,)),
+        axis=RotationAxis(radial_synchronous=0.8e-6),
+    )
+    still = replace(one, scale=replace(one.scale, ellipticity=0.0))
+    (error,) = (c.values for c in VirtualTable.described(still).record().channels[1:])
+    assert np.ptp(error) * 48e-3 == pytest.approx(0.8e-6, rel=1e-3)
+    oval = replace(one, axis=RotationAxis())
+    (error,) = (c.values for c in VirtualTable.described(oval).record().channels[1:])
+    assert 0.5 * np.ptp(error) * 48e-3 == pytest.approx(3e-6, rel=1e-3)
 
 
 def test_uncertain_angles_of_heads_leave_what_drawn_angles_leave() -> None:

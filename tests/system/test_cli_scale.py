@@ -217,6 +217,9 @@ def test_the_error_of_a_ratio_is_the_same_in_every_move() -> None:
     for k, share in enumerate(settings.success[:2], start=1):
         within = (target / 45e-6) ** (1.0 / k) / RATIO_UNCERTAINTY
         assert share == pytest.approx(math.erf(within / math.sqrt(2.0)), abs=0.02)
+    # in the end anywhere within half a step of each axis, of 0.1604 and 0.1639 um
+    fine = move_settings(stage, move, np.zeros(2), target=0.05e-6)
+    assert fine.success[-1] == pytest.approx(math.pi * 0.05**2 / (0.1604 * 0.1639), abs=0.02)
     assert not move_settings(stage, np.zeros(2), np.zeros(2)).drives
     with pytest.raises(ModelError, match="the move must be finite"):
         move_settings(stage, np.array([math.nan, 0.0]), np.zeros(2))
