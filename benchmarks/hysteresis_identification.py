@@ -28,8 +28,7 @@ from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fit_data, fits
 from flexstage.hysteresis.identification.residuals import cross_validate, residuals
-from flexstage.hysteresis.models.bouc_wen.fit import BoucWenFit, shape_at
-from flexstage.hysteresis.models.preisach.fit import PreisachFit
+from flexstage.hysteresis.models.fits import BoucWenFit, PreisachFit, shape_at
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
 

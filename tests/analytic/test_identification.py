@@ -54,8 +54,8 @@ from flexstage.hysteresis.identification.residuals import (
 )
 from flexstage.hysteresis.inversion import compensate
 from flexstage.hysteresis.models import registry
+from flexstage.hysteresis.models.fits import PreisachFit
 from flexstage.hysteresis.models.play_sum import play_columns
-from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records import Channel, Record
 from flexstage.report.identification import prediction_in_words

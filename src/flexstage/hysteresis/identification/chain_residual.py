@@ -48,7 +48,7 @@ from flexstage.hysteresis.identification.projection import (
     solve,
 )
 from flexstage.hysteresis.identification.residuals import jackknife
-from flexstage.hysteresis.models.preisach.fit import PreisachFit
+from flexstage.hysteresis.models.fits import PreisachFit
 
 #: Plays and intervals of the dictionary that stands for any hysteresis.
 _DICTIONARY = (8, 8)

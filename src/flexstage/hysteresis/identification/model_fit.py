@@ -29,7 +29,7 @@ from flexstage.hysteresis.identification.projection import (
     solve,
 )
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.registry import MODELS, part
+from flexstage.hysteresis.models.registry import MODELS, fit_class
 from flexstage.hysteresis.requests import OSCILLATOR
 
 #: Samples and rows of the coarse search, and the factor on its limits of averaging.
@@ -401,6 +401,6 @@ def selected_models(names: Sequence[str]) -> tuple[str, ...]:
 
 @functools.cache
 def _fits(models: tuple[tuple[str, type[HysteresisModel]], ...]) -> Mapping[str, ModelFit]:
-    classes = (getattr(part(kind, "fit"), f"{law.__name__}Fit", None) for kind, law in models)
+    classes = (fit_class(kind) for kind, _ in models)
     instances: list[ModelFit] = [fit() for fit in classes if fit]
     return {fit.kind: fit for fit in sorted(instances, key=lambda fit: fit.size)}

@@ -2,17 +2,17 @@
 """Registry of the hysteresis models, one line each, and their code in C and MATLAB.
 
 Models are found by name here. The folder of a model has its name. It contains ``law.py`` with the
-class named here and its code (`c_code`, `matlab_code`), ``fit.py`` with the class of that name and
-``Fit`` after it, the header for C and the function for MATLAB where no other model shares them, and
-test vectors. Add a model from elsewhere by ``MODELS[Law.kind] = Law``; all its parts are in the
-module of the law.
+class named here and its code (`c_code`, `matlab_code`), the header for C and the function for
+MATLAB where no other model shares them, and test vectors. ``fits.py`` has the class of that name
+and ``Fit`` after it. Add a model from elsewhere by ``MODELS[Law.kind] = Law``; all its parts are in
+the module of the law.
 """
 
 import sys
 from collections.abc import Iterator, MutableMapping
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from flexstage.base.errors import ModelError
 from flexstage.base.lazy import names_for_types
@@ -45,7 +45,7 @@ class _Models(MutableMapping[str, type[HysteresisModel]]):
 
     def __getitem__(self, kind: str) -> type[HysteresisModel]:
         law = self._classes[kind]
-        return getattr(part(kind, "law"), law) if isinstance(law, str) else law
+        return getattr(_law_module(kind), law) if isinstance(law, str) else law
 
     def __setitem__(self, kind: str, law: type[HysteresisModel]) -> None:
         self._classes[kind] = law
@@ -64,16 +64,23 @@ class _Models(MutableMapping[str, type[HysteresisModel]]):
 MODELS = _Models()
 
 
-def part(kind: str, name: str) -> ModuleType:
-    """Return a module of the folder of a model: ``law`` or ``fit``."""
+def _law_module(kind: str) -> ModuleType:
     law = MODELS._classes[kind]
     if not isinstance(law, str):
         return sys.modules[law.__module__]
-    return import_module(f"flexstage.hysteresis.models.{kind.replace('-', '_')}.{name}")
+    return import_module(f"flexstage.hysteresis.models.{kind.replace('-', '_')}.law")
+
+
+def fit_class(kind: str) -> Any:
+    """Return the class that fits a model, named after its law, or None."""
+    law = MODELS._classes[kind]
+    ours = isinstance(law, str)
+    home = import_module("flexstage.hysteresis.models.fits") if ours else _law_module(kind)
+    return getattr(home, f"{law if ours else law.__name__}Fit", None)
 
 
 def _has_code(model: HysteresisModel, name: str) -> bool:
-    return model.kind in MODELS and hasattr(part(model.kind, "law"), name)
+    return model.kind in MODELS and hasattr(_law_module(model.kind), name)
 
 
 def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
@@ -104,7 +111,7 @@ def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
             f"there is no C code for hysteresis of the kind '{model.kind}': use one of "
             f"{', '.join(MODELS)}"
         )
-    code: HysteresisCode = part(model.kind, "law").c_code(model)
+    code: HysteresisCode = _law_module(model.kind).c_code(model)
     return code
 
 
@@ -115,5 +122,5 @@ def matlab_code(model: HysteresisModel) -> MatlabCode:
             f"there is no Simulink code for the model '{model.kind}': identify the record with "
             f"one of {', '.join(sorted(MODELS))}"
         )
-    code: MatlabCode = part(model.kind, "law").matlab_code(model)
+    code: MatlabCode = _law_module(model.kind).matlab_code(model)
     return code
