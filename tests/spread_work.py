@@ -1,5 +1,6 @@
 """Work that tests share between processes: workers import it by name."""
 
+import multiprocessing
 import os
 import signal
 import time
@@ -49,5 +50,7 @@ def deadly(payload: dict[str, Any], start: int, stop: int) -> dict[str, np.ndarr
         if once is None or not Path(once).exists():
             if once is not None:
                 Path(once).touch()
+            # never the process of the tests, which would end without a word
+            assert multiprocessing.parent_process() is not None, "not in a worker"
             os.kill(os.getpid(), signal.SIGKILL)
     return {"sample": np.arange(start, stop)}
