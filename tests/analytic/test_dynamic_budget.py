@@ -244,11 +244,13 @@ def test_budget_of_the_piezo_stage_computed_apart() -> None:
         assert [*own, 1e9 * budget.total] == pytest.approx(figures, rel=0.01, abs=0.01)
 
 
-def test_sampled_loop_with_drawn_noise() -> None:
+# the second mode lies where the hold is seen
+@pytest.mark.parametrize(("mode", "zeta", "crossover"), [(310.0, 0.2, 60.0), (1200.0, 0.1, 120.0)])
+def test_sampled_loop_with_drawn_noise(mode: float, zeta: float, crossover: float) -> None:
     """One mode under integral control, in steps of an eighth of a sample, against its budget."""
-    omega, zeta, spring, rate, fine = 2.0 * math.pi * 310.0, 0.2, 2e5, 4e3, 8
+    omega, spring, rate, fine = 2.0 * math.pi * mode, 2e5, 4e3, 8
     volt = spring * 38e-6 / 120.0 / MASS  # acceleration
-    integral = 2.0 * math.pi * 60.0 * omega**2 / volt
+    integral = 2.0 * math.pi * crossover * omega**2 / volt
     force_rms, noise_rms, records, samples = 0.4, 3e-9, 200, 2500
     dt = 1.0 / (rate * fine)
     step = expm(
@@ -431,6 +433,7 @@ def test_a_faulty_environment_is_refused_in_a_sentence(old: str, new: str, messa
         ("body: PY", "body: lid", "no body 'lid'"),
         ("body: PY", "body: G", "source 'air': body 'G' is fixed"),
         ("drive: x", "drive: z", "'z'"),
+        ("0.02 nm/rtHz", "0.02 nrad/rtHz", "source 'sensor' is noise in rad, but .* reads m"),
         ("sources:", "points: {tip: {probe: tip}}\nsources:", "no probe 'tip'"),
     ],
 )

@@ -8,10 +8,11 @@ delay H, every response z becomes, below half the rate of the loop,
 
 with the noise n of the sensor. Variances of independent sources add.
 
-Validity: linear about one position, stationary, sources independent; one axis under control, its
-drive with the mean gain of its stroke, without hysteresis and creep. Above half the rate of the
-loop the stage is open: what a sampled loop folds to lower frequencies is neglected. C and P are
-exact for the sampled loop, H is that of the band below half the rate.
+Validity: linear about one position, stationary, sources independent; sensor and drives stand on the
+base, which is rigid; one axis under control, its drive with the mean gain of its stroke, without
+hysteresis and creep. Above half the rate of the loop the stage is open: what a sampled loop folds
+to lower frequencies is neglected. C and P are exact for the sampled loop, H is that of the band
+below half the rate.
 """
 
 import itertools
@@ -603,4 +604,10 @@ def _force(setup: _Setup, source: NoiseSource) -> Array:
         return force
     if isinstance(source, DriveVoltage):
         return setup.force_of_voltage(source.drive)
+    unit = setup.stage.probe(setup.stage.axis(setup.axis).probe).unit
+    if source.spectrum.unit != unit:
+        raise ModelError(
+            f"source '{source.name}' is noise in {source.spectrum.unit}, but the sensor of axis "
+            f"'{setup.axis}' reads {unit}: convert it"
+        )
     return np.zeros(system.order)
