@@ -269,6 +269,8 @@ def dynamic_budget(
     -----
     Validity: see the module. The base of the stage is rigid and moves with the ground.
     """
+    if not stage.axes:
+        raise ModelError(f"stage '{stage.name}' has no axis to control: add one")
     controlled = stage.axis(axis or stage.axes[0].name)
     points = environment.points or (Point(name=controlled.probe, probe=controlled.probe),)
     setup = _Setup(stage, system, environment, controlled.name, points)
@@ -576,12 +578,12 @@ def _responder(setup: _Setup, every: Modes) -> Callable[[Array], Complex]:
 
 def _carried(stage: Stage, probe: str, along: GroundDirection) -> float:
     """Return the reading in the room of a stage that moves with the ground, undeformed."""
-    port = next(p for p in stage.probes if p.name == probe)
-    if port.relative_to is not None:
+    described = stage.probe(probe)
+    if described.relative_to is not None:
         return 0.0
-    x, y = port.at
+    x, y = described.at
     motion = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "rotation": (-y, x, 1.0)}[along]
-    return float(np.dot(port.row, motion))
+    return float(np.dot(described.row, motion))
 
 
 def _reader(system: MechanicalSystem, point: Point) -> Array:
