@@ -414,6 +414,7 @@ PICTURES: dict[str, Callable[[], "Figure"]] = {
 PAGES = {
     "centring.png": ("how-to/centre.md", "turn.png"),
     "frequency-response.png": ("how-to/frequency-response.md", "response.png"),
+    "quiet.png": ("how-to/how-quiet.md", "quiet.png"),
     "optimised.png": ("how-to/optimise.md", "better.png"),
     "piezo-hysteresis.png": ("tutorials/piezo-hysteresis.md", "piezo-hysteresis.png"),
     "reconstructed.png": ("how-to/update-model.md", "ranges.png"),

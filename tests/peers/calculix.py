@@ -70,25 +70,62 @@ def needed() -> str:
 
 def solve(job: Job, *, threads: int | None = None) -> Answer:
     """Run CalculiX in a folder of its own."""
+    with tempfile.TemporaryDirectory(prefix="ccx-") as name:
+        seconds = _run(deck(job), Path(name), threads)
+        return _answer(job, Path(name), seconds)
+
+
+def _run(text: str, folder: Path, threads: int | None) -> float:
+    """Run a deck in a folder; return the seconds."""
     ccx = needed()
     many = str(threads or os.cpu_count() or 1)
-    with tempfile.TemporaryDirectory(prefix="ccx-") as name:
-        folder = Path(name)
-        (folder / "job.inp").write_text(deck(job), encoding="ascii")
-        start = time.perf_counter()
-        done = subprocess.run(
-            [ccx, "-i", "job"],
-            cwd=folder,
-            env={**os.environ, "OMP_NUM_THREADS": many, "CCX_NPROC_RESULTS": many},
-            capture_output=True,
-            text=True,
-            timeout=LIMIT,
-            check=False,
+    (folder / "job.inp").write_text(text, encoding="ascii")
+    start = time.perf_counter()
+    done = subprocess.run(
+        [ccx, "-i", "job"],
+        cwd=folder,
+        env={**os.environ, "OMP_NUM_THREADS": many, "CCX_NPROC_RESULTS": many},
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=False,
+    )
+    if done.returncode or "*ERROR" in done.stdout:
+        raise RuntimeError(f"ccx failed ({done.returncode}): {done.stdout[-2000:]}")
+    return time.perf_counter() - start
+
+
+def on_a_moving_base(
+    job: Job, bands: Sequence[tuple[float, float]], node: int, damping: float
+) -> tuple[float, list[tuple[float, complex]]]:
+    """Let the base accelerate by 1 m/s^2 along x, at both ends of bands without a mode.
+
+    Returns the first natural frequency [Hz], and each frequency with the motion of the node along x
+    in the room [m].
+    """
+    text = deck(job).replace("*FREQUENCY\n", "*FREQUENCY, STORAGE=YES\n")
+    text = text.replace(
+        "*STEP\n",
+        f"*NSET, NSET=READ\n{node + 1},\n*AMPLITUDE, NAME=ONE\n0.,1000.,1.E6,1000.\n*STEP\n",
+        1,
+    )
+    for low, high in bands:
+        text += (
+            f"*STEP\n*STEADY STATE DYNAMICS\n{low:.9g},{high:.9g},2,1.\n*MODAL DAMPING\n"
+            f"1,{job.modes},{float(damping)!r}\n*BASE MOTION, DOF=1, AMPLITUDE=ONE\n"
+            "*NODE PRINT, NSET=READ\nU\n*END STEP\n"
         )
-        seconds = time.perf_counter() - start
-        if done.returncode or "*ERROR" in done.stdout:
-            raise RuntimeError(f"ccx failed ({done.returncode}): {done.stdout[-2000:]}")
-        return _answer(job, folder, seconds)
+    with tempfile.TemporaryDirectory(prefix="ccx-") as name:
+        _run(text, Path(name), None)
+        words = (Path(name) / "job.dat").read_text(encoding="ascii").split("for set READ and time")
+        first = float(_frequencies(Path(name) / "job.dat", 1)[0])
+    rows = [part.split()[:3] for part in words[1:]]
+    # real and imaginary parts follow each other
+    pairs = zip(rows[::2], rows[1::2], strict=True)
+    return first, [
+        (float(real[0]), 1e-3 * complex(float(real[2]), float(imaginary[2])))
+        for real, imaginary in pairs
+    ]
 
 
 def deck(job: Job) -> str:

@@ -5,6 +5,7 @@ import json
 import math
 import shlex
 from dataclasses import MISSING, dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import pytest
@@ -49,7 +50,7 @@ from flexstage.studies.explore.requests import (
     SweepRequest,
     ToleranceRequest,
 )
-from flexstage.studies.requests import AnalyseRequest, ModelOptions, StudyRequest
+from flexstage.studies.requests import AnalyseRequest, BudgetRequest, ModelOptions, StudyRequest
 
 #: One of each request, with values that are not the usual ones.
 EXAMPLES: tuple[Request, ...] = (
@@ -57,6 +58,7 @@ EXAMPLES: tuple[Request, ...] = (
         model=("lumped", "solid"),
         options=ModelOptions(bench=Bench(base=11.5e-6, holder=1.3e-6, holder_length=-0.06)),
     ),
+    BudgetRequest(environment=Path("floor.yaml"), loop=("100 Hz", "tune"), exposure=0.013),
     CentreRequest(
         error=("e", 2), angle=0, heads=(0.0, 1.25), radius=0.0517, kind="drum", orders=(2, 3),
         sign=-1, stage_at=((1e-6, 0.0), (-2.5e-6, 3e-5)), mounting_angle=0.3, outliers=False,

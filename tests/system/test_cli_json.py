@@ -17,6 +17,7 @@ REFUSED = {
     "show": ["nowhere.yaml"],
     "check": ["nowhere.yaml"],
     "analyse": ["nowhere.yaml"],
+    "budget": ["nowhere.yaml", "--environment", "nowhere.yaml"],
     "sensitivity": ["nowhere.yaml"],
     "optimise": ["parallelogram"],
     "reconstruct": ["parallelogram"],

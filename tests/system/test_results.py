@@ -49,8 +49,14 @@ from flexstage.records.read import read_files
 from flexstage.report.figures.style import encode
 from flexstage.studies import compare_measurement, run_study
 from flexstage.studies.explore.requests import SensitivityRequest, SweepRequest
-from flexstage.studies.models import run_models
-from flexstage.studies.requests import AnalyseRequest, ModelOptions, ScaleRequest, StudyRequest
+from flexstage.studies.models import run_models, stage_budget
+from flexstage.studies.requests import (
+    AnalyseRequest,
+    BudgetRequest,
+    ModelOptions,
+    ScaleRequest,
+    StudyRequest,
+)
 from flexstage.studies.scale import study_scale
 from tests.golden.broken_cases.table import TEXT as TABLE
 from tests.undrawn import undrawn
@@ -62,6 +68,13 @@ equation: a - 2 * b
 influences:
   - {name: a, value: 63.12 um, uncertainty: 12 nm, dof: 9}
   - {name: b, value: 4.1 um, half_width: 31 nm}
+"""
+FLOOR = """
+environment: 1
+name: floor
+band: [1 Hz, 2 kHz]
+sources:
+  floor: {kind: ground, along: x, spectrum: {kind: vc, curve: D, slope_above: -5}}
 """
 
 
@@ -95,6 +108,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     table("response.csv", "frequency (Hz),real (m/N),imaginary (m/N)", f, h.real, h.imag)
     Path("budget.yaml").write_text(BUDGET, encoding="utf-8")
     Path("table.yaml").write_text(TABLE, encoding="utf-8")
+    Path("floor.yaml").write_text(FLOOR, encoding="utf-8")
     Box((0, 0, 0), (30.0, 4.0, 3.0)).WriteStep("bar.step")
     run("identify", *IDENTIFY.split()[1:], "--out", "m.yaml")
     yield
@@ -152,6 +166,13 @@ JOBS = {
             fs.read("parallelogram"), AnalyseRequest(model=("lumped", "superelement"))
         ),
         figure=False,
+    ),
+    "dynamic budget": Job(
+        "budget parallelogram --environment floor.yaml --exposure 10ms",
+        lambda: stage_budget(
+            fs.read("parallelogram"),
+            BudgetRequest(environment=Path("floor.yaml"), exposure=0.01),
+        ),
     ),
     "study": Job(
         f"study parallelogram --model lumped {STUDY}",

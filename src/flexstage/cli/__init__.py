@@ -15,6 +15,7 @@ import typer
 from flexstage.base.errors import NO_FINITE_ELEMENTS, FlexstageError
 from flexstage.base.version import __version__
 from flexstage.cli.analyse import analyse
+from flexstage.cli.budget import budget
 from flexstage.cli.calibrate import calibrate
 from flexstage.cli.centre import centre
 from flexstage.cli.characterise import characterise
@@ -73,7 +74,9 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Design": (*(new, import_, check, show, analyse, study, hinges, equations, part, export),),
+    "Design": (
+        *(new, import_, check, show, analyse, budget, study, hinges, equations, part, export),
+    ),
     "Explore": (sensitivity, sweep, optimise, tolerance, reconstruct),
     "Drives": (excite, identify, predict, compensate),
     "Measurements": (records, frf, characterise, uncertainty, scale, centre, calibrate),

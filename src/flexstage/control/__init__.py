@@ -12,6 +12,8 @@ from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.control.design import Requirements, ServoDesign, tune
+    from flexstage.control.dynamic_budget import DynamicBudget, dynamic_budget
+    from flexstage.control.environment import Environment, read_environment
     from flexstage.control.feedforward import Compensation, compensate, shifted_model, trimmed_model
     from flexstage.control.learning import Learning, LearningSettings, Trial, learn
     from flexstage.control.loop_plant import loop_margins
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Compensation",
     "ControlMode",
+    "DynamicBudget",
+    "Environment",
     "Learning",
     "LearningSettings",
     "Requirements",
@@ -36,10 +40,12 @@ __all__ = [
     "carry_out",
     "compensate",
     "control_run",
+    "dynamic_budget",
     "evaluate_record",
     "learn",
     "loop_margins",
     "raster",
+    "read_environment",
     "shifted_model",
     "sine",
     "trajectory_of",

@@ -156,6 +156,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
         "tracking.draw_feedforward",
         "feedforward=feedforward model=drive band_percent=band",
     ),
+    ("DynamicBudget", ""): ("noise.draw_cumulative", "result"),
     ("DecayResult", ""): ("modal_fit.draw_ring_down", "fit=fit record=record"),
     ("Ensemble", ""): ("distributions.draw_ranges", "ensemble"),
     ("EvaluatedBudget", ""): (

@@ -17,7 +17,7 @@ from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage import Stage
 from flexstage.stage.contour import root_widths
 from flexstage.stage.mass import mass_properties
-from flexstage.studies.requests import AnalyseRequest, ModelOptions
+from flexstage.studies.requests import AnalyseRequest, BudgetRequest, ModelOptions
 from flexstage.studies.results import analysis_results
 from flexstage.system import Analysis, analyse
 from flexstage.system.requests import models_of
@@ -25,6 +25,7 @@ from flexstage.system.requests import models_of
 if TYPE_CHECKING:
     import pandas
 
+    from flexstage.control.dynamic_budget import DynamicBudget
     from flexstage.export.request import ExportRequest, StageExport
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
@@ -323,6 +324,23 @@ def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
 def analyse_model(stage: Stage, model: str, *, near: Stage | None = None) -> Analysis:
     """Analyse a stage with one of `MODELS`, without its mesh; `near` as of `ModelOptions`."""
     return run_model(stage, model, ModelOptions(near=near)).analysis
+
+
+def stage_budget(stage: Stage, request: BudgetRequest) -> "DynamicBudget":
+    """Return the dynamic error budget of a stage by the model of a request."""
+    from flexstage.control.dynamic_budget import dynamic_budget
+    from flexstage.control.environment import read_environment
+
+    environment = read_environment(request.environment)
+    budget = dynamic_budget(
+        stage,
+        analyse_model(stage, request.model).system,
+        environment,
+        request.loop,
+        axis=request.axis,
+        exposure=request.exposure,
+    )
+    return replace(budget, request=request)
 
 
 def stage_export(stage: Stage, request: "ExportRequest") -> "StageExport":

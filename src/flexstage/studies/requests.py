@@ -1,6 +1,7 @@
 """Requests of analyses and studies of a stage."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from flexstage.base.errors import ModelError, UnitError
@@ -8,7 +9,7 @@ from flexstage.files.ranges import INNER_SHARE, POSITIVE, Seed, Written
 from flexstage.files.request import Request
 from flexstage.hinges.requests import Plane
 from flexstage.hysteresis.requests import AmplifierLimits, Voltages
-from flexstage.quantities.units import parse
+from flexstage.quantities.units import Time, parse
 from flexstage.stage.bench import Bench
 from flexstage.system.requests import ModelName, ModelNames
 
@@ -151,3 +152,21 @@ class ComparisonRequest(Request):
 
     model: ModelNames = ("lumped", "superelement")
     """Models, separated by commas, or all."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BudgetRequest(Request):
+    """Dynamic error budget of a stage."""
+
+    environment: Path
+    """Description of the disturbances in YAML: sources, band, points of interest."""
+    loop: Annotated[tuple[str, ...], Written("LOOP")] = ()
+    """Position control to compare with the open stage: a crossover of integral control with a notch
+    such as "100 Hz", tune for the largest gain with margins, or a file of a loop.
+    """
+    axis: Annotated[str, Written("NAME")] | None = None
+    """Axis under control (default: the first)."""
+    exposure: Annotated[Time, POSITIVE] | None = None
+    """Also print moving average and moving standard deviation of this duration, such as "10 ms"."""
+    model: ModelName = "lumped"
+    """Model of the stage."""

@@ -113,6 +113,9 @@ DriveCondition = Literal["removed", "in place", "locked"]
 #: Standard acceleration of gravity [m/s^2] (3rd CGPM, 1901).
 STANDARD_GRAVITY = 9.80665
 
+#: Motion of the ground under a stage: along its axes, or rotation about its origin.
+GroundDirection = Literal["x", "y", "rotation"]
+
 _T = TypeVar("_T", bound=Any)
 
 
@@ -410,6 +413,69 @@ class MechanicalSystem:
             added = first.T @ first + second.T @ second + both.T @ both
             total = total + d.mass / 6.0 * added
         return total
+
+    def base_force(self, direction: GroundDirection, condition: DriveCondition) -> Array:
+        r"""Return the inertial force of an acceleration of the base.
+
+        With coordinates relative to the base, :math:`q = q_{rel} + R r`,
+
+        .. math:: M\ddot q_{rel} + C\dot q_{rel} + K q_{rel} = f - M R\ddot r
+
+        In a translation, M R is the weight over the acceleration of gravity.
+
+        Validity: hinges, drives and sensors stand on the base, which is rigid.
+
+        Parameters
+        ----------
+        direction : str
+            ``x``, ``y``, or ``rotation`` about the origin of the stage.
+        condition : str
+            Condition of the drives, whose masses take part unless they are removed.
+
+        Returns
+        -------
+        numpy.ndarray
+            M R e, the force against an acceleration of 1 m/s^2 or 1 rad/s^2, shape (n,).
+
+        Raises
+        ------
+        ModelError
+            There is no such direction; or the bodies bend, or drives with a mass are in place, in a
+            rotation.
+        """
+        if direction == "rotation":
+            force = self.M @ self._rotation()
+        elif direction in ("x", "y"):
+            force = self.load(f"gravity {direction}").vector / STANDARD_GRAVITY
+        else:
+            raise ModelError(
+                f"the ground moves along x or y, or in rotation, got '{direction}': name one"
+            )
+        for d in self.drives:
+            if condition == "removed" or d.ends is None:
+                continue
+            if direction == "rotation":
+                raise ModelError(
+                    f"the rotation of the ground does not include the mass of drive '{d.name}': "
+                    "leave out its mass, or the rotation"
+                )
+            # both ends of the bar accelerate with the base, also one that stands on it
+            force = force + 0.5 * d.mass * d.ends[:, "xy".index(direction)].sum(axis=0)
+        return force
+
+    def _rotation(self) -> Array:
+        """Return the coordinates of the undeformed stage that turns by 1 rad about its origin."""
+        moving = [b for b in self.bodies if np.any(b.matrix)]  # a fixed body has no coordinates
+        motion = np.concatenate([b.matrix for b in moving])
+        turned = np.concatenate([(-b.centre[1], b.centre[0], 1.0) for b in moving])
+        rotation = np.asarray(np.linalg.lstsq(motion, turned)[0], dtype=np.float64)
+        complete = np.linalg.matrix_rank(motion) == self.order
+        if not complete or np.abs(motion @ rotation - turned).max() > 1e-9:
+            raise ModelError(
+                f"the rotation of the ground needs rigid bodies, got the {self.model} model: "
+                "choose the lumped one"
+            )
+        return rotation
 
     def with_damping(self, damping: Damping) -> "MechanicalSystem":
         """Return the same system with other damping.

@@ -153,6 +153,37 @@ def response_of_modes(
     )
 
 
+def modal_response(
+    result: Modes, readers: Array, forces: Array, frequency_hz: Array
+) -> NDArray[np.complex128]:
+    r"""Return the response of readings to forces by all modes of a result.
+
+    .. math:: H(\omega) = \sum_i \frac{(p^T\phi_i)(\phi_i^T b)}
+              {\omega_i^2 - \omega^2 + 2 i\zeta_i\omega_i\omega}
+
+    Parameters
+    ----------
+    result : Modes
+        The modes.
+    readers : numpy.ndarray
+        Reading of each coordinate, one reading a row, shape (p, n).
+    forces : numpy.ndarray
+        Force on each coordinate for a unit input, one input a row, shape (s, n).
+    frequency_hz : numpy.ndarray
+        Frequencies [Hz], shape (k,).
+
+    Returns
+    -------
+    numpy.ndarray
+        The response of each reading to each input, shape (p, s, k).
+    """
+    omega = 2.0 * np.pi * frequency_hz
+    natural = result.omega[:, None]
+    dynamic = natural**2 - omega**2 + 2j * result.damping_ratio[:, None] * natural * omega
+    weight = (readers @ result.shapes)[:, None, :] * (forces @ result.shapes)
+    return weight @ (1.0 / dynamic)
+
+
 def _sum_of_modes(result: Modes, weight: Array, f: Array) -> NDArray[np.complex128]:
     omega = 2.0 * np.pi * f[:, None]
     natural = result.omega[None, :]

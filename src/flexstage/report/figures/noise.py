@@ -7,11 +7,14 @@ from numpy.typing import ArrayLike
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
+from flexstage.control.dynamic_budget import DynamicBudget
 from flexstage.measure.noise.hold import AllanDeviation, HoldNoise
 from flexstage.measure.noise.staircase import Staircase
 from flexstage.quantities.quantity import prefixed
 from flexstage.report.figures.style import (
     CYCLE,
+    DASHED,
+    INK,
     MUTED,
     add_legend,
     add_words,
@@ -60,6 +63,41 @@ def draw_staircase(
     trace.set_xlim(0.0, y.size / sample_rate_hz)
     set_title(trace, "Readings, and the averaged part of each level")
     _steps(steps, staircase, unit)
+    return figure
+
+
+def draw_cumulative(result: DynamicBudget, *, loop: str = "", point: str = "") -> "Figure":
+    """Draw density and cumulative amplitude by source, of a loop at a point of interest.
+
+    By default of the last loop at the first point; the total of the first loop is drawn dashed.
+    """
+    last = result.budget(loop, point)
+    first = result.budget(result.budgets[0].loop, last.point)
+    figure, (density, amplitude) = panels(10.2, 3.9, 2, 2)
+    factor, label = _scale(max(first.total, last.total), last.unit)
+    for k, source in enumerate(last.sources):
+        look = {"color": CYCLE[k % len(CYCLE)], "linewidth": 1.0}
+        variance = last.cumulative(source)
+        if variance[-1] > 0.0:
+            positive = np.where(source.density > 0.0, source.density, np.nan)
+            density.loglog(last.frequency_hz, factor * np.sqrt(positive), **look)
+            amplitude.semilogx(
+                last.frequency_hz, factor * np.sqrt(variance), label=source.name, **look
+            )
+    lines = {"total": (last, "-"), f"total, {first.loop}": (first, DASHED)}
+    for name, (budget, dashes) in lines.items() if first is not last else [("total", (last, "-"))]:
+        variance = sum(budget.cumulative(source) for source in budget.sources)
+        amplitude.semilogx(
+            budget.frequency_hz, factor * np.sqrt(variance), color=INK, linewidth=1.4,
+            linestyle=dashes, label=name,
+        )  # fmt: skip
+    highest = factor * np.sqrt(max(float(s.density.max()) for s in last.sources))
+    density.set_ylim(1e-6 * highest, 3.0 * highest)
+    label_axes(density, "frequency [Hz]", f"density [{label}/√Hz]")
+    label_axes(amplitude, "frequency [Hz]", f"rms from the lowest frequency [{label}]")
+    add_legend(amplitude, loc="upper left")
+    set_title(density, f"{result.stage}, {last.point}: density by source, loop {last.loop}")
+    set_title(amplitude, f"Cumulative amplitude: {factor * last.total:.3g} {label} in all")
     return figure
 
 

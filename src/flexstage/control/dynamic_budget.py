@@ -1,0 +1,615 @@
+r"""Dynamic error budget: from the spectra of disturbances to the rms at a point of interest.
+
+The loop of one axis reads y and commands the voltage u. With the response of the open stage to a
+disturbance d, :math:`y_d`, the sampled controller C, the sampled plant P, and the hold with its
+delay H, every response z becomes, below half the rate of the loop,
+
+.. math:: z = z_d - z_u H \frac{C}{1 + C P} (y_d + n)
+
+with the noise n of the sensor. Variances of independent sources add.
+
+Validity: linear about one position, stationary, sources independent; sensor and drives stand on the
+base, which is rigid; one axis under control, its drive with the mean gain of its stroke, without
+hysteresis and creep. Above half the rate of the loop the stage is open: what a sampled loop folds
+to lower frequencies is neglected. C and P are exact for the sampled loop, H is that of the band
+below half the rate.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError
+from flexstage.control.design import tune_plant
+from flexstage.control.environment import (
+    BodyForce,
+    DriveVoltage,
+    Environment,
+    GroundMotion,
+    NoiseSource,
+    Point,
+    PositionLoop,
+    crossover_of,
+    integral_loop,
+    read_loop,
+)
+from flexstage.control.loop_plant import LoopPlant, Margins, loop_margins
+from flexstage.files.plain import picked, plain
+from flexstage.files.result import Result
+from flexstage.hysteresis import StageModes
+from flexstage.stage import PiezoStack, Stage
+from flexstage.system.mechanical import (
+    Damping,
+    GroundDirection,
+    LossFactor,
+    MechanicalSystem,
+    ModalDamping,
+    RayleighDamping,
+)
+from flexstage.system.modes import Modes, modes
+from flexstage.system.response import modal_response
+from flexstage.system.servo import ServoSettings
+
+#: Name of the stage without control.
+OPEN = "open"
+#: Lines of a band, and about each mode over so many half widths.
+_LINES, _NEAR, _WIDTHS = 1500, 300, 12.0
+#: Largest change of the logarithm of the total from line to line, and rounds to reach it.
+_CHANGE, _ROUNDS = 0.1, 12
+#: Smallest relative distance of two lines [1].
+_APART = 1e-7
+#: Relative step of a derivative by a parameter [1].
+_STEP = 0.01
+#: Number of lines of the cumulative amplitudes in the plain data.
+_PRINTED = 120
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SourceBudget:
+    """Motion of a point by one source."""
+
+    name: str
+    """Name of the source."""
+    kind: str
+    """Where it acts: ground, force, voltage or sensor."""
+    density: Array
+    """One-sided power spectral density [unit^2/Hz], shape (k,)."""
+    lines: tuple[tuple[float, float], ...]
+    """Frequency [Hz] and variance [unit^2] of each line."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointBudget:
+    """Budget of one point of interest with one loop."""
+
+    loop: str
+    """Name of the loop."""
+    point: str
+    """Name of the point."""
+    unit: str
+    """Unit of the motion."""
+    frequency_hz: Array
+    """Lines [Hz], shape (k,)."""
+    sources: tuple[SourceBudget, ...]
+    """Motion by source."""
+    margins: Margins | None
+    """Margins of the loop; None without one."""
+    levers: dict[str, float]
+    """Change of the total in per cent for one per cent of damping, stiffness of the stage and gain
+    of the loop [1].
+    """
+
+    def cumulative(self, source: SourceBudget, weight: Array | None = None) -> Array:
+        r"""Return the variance up to each line, :math:`\int_{f_1}^{f} w S\,df` [unit^2]."""
+        f = self.frequency_hz
+        w = np.ones_like(f) if weight is None else weight
+        steps = 0.5 * np.diff(f) * ((w * source.density)[1:] + (w * source.density)[:-1])
+        total = np.concatenate(([0.0], np.cumsum(steps)))
+        for at, variance in source.lines:
+            total += np.where(f >= at, variance * np.interp(at, f, w), 0.0)
+        return total
+
+    def rms(self, source: SourceBudget, band: tuple[float, float] | None = None) -> float:
+        """Return the rms by one source, over a band [Hz] or all lines [unit]."""
+        variance = self.cumulative(source)
+        ends = variance[[0, -1]] if band is None else np.interp(band, self.frequency_hz, variance)
+        start = 0.0 if band is None else ends[0]
+        return math.sqrt(max(float(ends[1] - start), 0.0))
+
+    @property
+    def total(self) -> float:
+        """Rms of all sources together [unit]."""
+        return math.sqrt(sum(self.rms(s) ** 2 for s in self.sources))
+
+    def exposed(self, duration: float) -> tuple[float, float]:
+        r"""Return the rms of the moving average and of the moving standard deviation [unit].
+
+        The weights of the densities are :math:`\mathrm{sinc}^2(\pi f T)` and one less it (H.
+        Butler, IEEE Control Systems 31 (2011) no. 5, 28, from memory), for an exposure T [s].
+        """
+        average = np.sinc(self.frequency_hz * duration) ** 2
+        return (
+            math.sqrt(sum(float(self.cumulative(s, average)[-1]) for s in self.sources)),
+            math.sqrt(sum(float(self.cumulative(s, 1.0 - average)[-1]) for s in self.sources)),
+        )
+
+    def ranking(self) -> list[tuple[str, float]]:
+        """Return what to buy down: change of the total in per cent for one per cent of each.
+
+        For the level of a source that is its share of the variance. The largest comes first.
+        """
+        variance = self.total**2
+        by = {s.name: self.rms(s) ** 2 / variance if variance else 0.0 for s in self.sources}
+        return sorted((by | self.levers).items(), key=lambda item: -abs(item[1]))
+
+    @cached_property
+    def bands(self) -> tuple[tuple[float, float], ...]:
+        """Decades within the lines [Hz]."""
+        low, high = float(self.frequency_hz[0]), float(self.frequency_hz[-1])
+        first, last = math.floor(math.log10(low)) + 1, math.ceil(math.log10(high))
+        ends = [low, *(10.0**k for k in range(first, last) if low < 10.0**k < high), high]
+        return tuple(itertools.pairwise(ends))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DynamicBudget(Result):
+    """Dynamic error budget of a stage, with every loop and at every point of interest."""
+
+    table_key: ClassVar[str] = "rms"
+
+    stage: str
+    """Name of the stage."""
+    model: str
+    """Model of the stage."""
+    axis: str
+    """Axis under control."""
+    environment: Environment
+    """The environment."""
+    budgets: tuple[PointBudget, ...]
+    """Budget of each loop at each point."""
+    exposure: float | None
+    """Exposure [s]."""
+    notes: tuple[str, ...]
+    """Limits of validity, and choices."""
+
+    def budget(self, loop: str = "", point: str = "") -> PointBudget:
+        """Return the budget of a loop at a point; by default the last loop at the first point."""
+        point = point or self.budgets[0].point
+        for one in reversed(self.budgets):
+            if one.point == point and loop in ("", one.loop):
+                return one
+        known = ", ".join(f"'{b.loop}' at '{b.point}'" for b in self.budgets)
+        raise ModelError(f"there is no budget of '{loop}' at '{point}': there are {known}")
+
+    def data(self) -> dict[str, Any]:
+        rows = [
+            {
+                "loop": b.loop, "point": b.point, "source": s.name, "acts": s.kind,
+                "rms": b.rms(s), "unit": b.unit,
+            }
+            for b in self.budgets for s in b.sources
+        ]  # fmt: skip
+        return {
+            **picked(self, "stage", "model", "axis", "environment=environment.name"),
+            "band_hz": list(self.environment.band),
+            "rms": rows,
+            "totals": [self._total_data(b) for b in self.budgets],
+            "notes": list(self.notes),
+        }
+
+    def _total_data(self, b: PointBudget) -> dict[str, Any]:
+        f = b.frequency_hz
+        printed = np.unique(np.linspace(0, f.size - 1, _PRINTED).astype(np.intp))
+        exposed = {}
+        if self.exposure is not None:
+            average, deviation = b.exposed(self.exposure)
+            exposed = {"exposure": self.exposure, "average": average, "deviation": deviation}
+        return {
+            **picked(b, "loop", "point", "unit", "rms=total"),
+            "margins": plain(b.margins),
+            **exposed,
+            "bands": [
+                {"band_hz": list(band)} | {s.name: b.rms(s, band) for s in b.sources}
+                for band in b.bands
+            ],
+            "ranking": [{"lever": name, "percent": change} for name, change in b.ranking()],
+            "cumulative": {
+                "frequency_hz": plain(f[printed]),
+                "amplitude": {s.name: plain(np.sqrt(b.cumulative(s)[printed])) for s in b.sources},
+            },
+        }
+
+
+def dynamic_budget(
+    stage: Stage,
+    system: MechanicalSystem,
+    environment: Environment,
+    loops: Sequence[str | PositionLoop] = (),
+    *,
+    axis: str | None = None,
+    exposure: float | None = None,
+) -> DynamicBudget:
+    r"""Return the dynamic error budget of a stage, its drives in place.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage, for the voltages of its drives.
+    system : MechanicalSystem
+        Its model.
+    environment : Environment
+        Its disturbances and points of interest.
+    loops : sequence of str or PositionLoop
+        Loops to compare with the open stage, which comes first: a crossover such as ``100 Hz`` of
+        integral control with a notch at the mode that the drive excites most; ``tune`` for the
+        settings of `tune_plant`; the file of a loop; or a `PositionLoop`.
+    axis : str, optional
+        The axis under control (default: the first).
+    exposure : float, optional
+        Exposure for moving average and moving standard deviation [s].
+
+    Returns
+    -------
+    DynamicBudget
+        The budget.
+
+    Raises
+    ------
+    ModelError
+        A body, drive or probe does not exist, a drive has no voltage, or a loop is unstable.
+
+    Notes
+    -----
+    Validity: see the module. The base of the stage is rigid and moves with the ground.
+    """
+    if not stage.axes:
+        raise ModelError(f"stage '{stage.name}' has no axis to control: add one")
+    controlled = stage.axis(axis or stage.axes[0].name)
+    points = environment.points or (Point(name=controlled.probe, probe=controlled.probe),)
+    setup = _Setup(stage, system, environment, controlled.name, points)
+    closed = (replace(setup, loop=_loop_of(loop, setup)) for loop in loops)
+    budgets = [budget for one in (setup, *closed) for budget in _budgets(one)]
+    return DynamicBudget(
+        stage=stage.name,
+        model=system.model,
+        axis=controlled.name,
+        environment=environment,
+        budgets=tuple(budgets),
+        exposure=exposure,
+        notes=_notes(setup),
+    )
+
+
+def _notes(setup: "_Setup") -> tuple[str, ...]:
+    (low, high), system = setup.environment.band, setup.system
+    first = modes(system, drives="in place", count=1)
+    return (
+        f"first mode of the {system.model} model with the drives in place: "
+        f"{first.frequency_hz[0]:.4g} Hz, damping ratio {first.damping_ratio[0]:.3g}: measure it, "
+        "since the rms depends on it most",
+        f"linear, stationary and independent sources, from {low:g} to {high:g} Hz: without slower "
+        "drift, hysteresis, creep, and what a loop folds from above half its rate",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Setup:
+    """A stage in its environment, with a loop or none."""
+
+    stage: Stage
+    system: MechanicalSystem
+    environment: Environment
+    axis: str
+    points: tuple[Point, ...]
+    loop: PositionLoop | None = None
+
+    @property
+    def sensor(self) -> Array:
+        """Reading of the sensor of the loop for each coordinate, shape (n,)."""
+        return self.system.probe(self.stage.axis(self.axis).probe).vector
+
+    def force_of_voltage(self, drive: str) -> Array:
+        """Return the force on each coordinate for one volt of a drive [N/V], shape (n,)."""
+        described, port = self.stage.drive(drive), self.system.drive(drive)
+        if not isinstance(described, PiezoStack) or described.voltage_range is None:
+            raise ModelError(
+                f"drive '{drive}' is a {described.kind} without a voltage range: only a piezo "
+                "stack with one has noise of a voltage or a position control here"
+            )
+        low, high = described.voltage_range
+        if port.stroke is None or not port.stiffness:
+            raise ModelError(f"drive '{drive}' needs a stiffness and a free stroke: add them")
+        return port.stiffness * port.stroke / (high - low) * port.vector
+
+    @property
+    def force(self) -> Array:
+        """Force on each coordinate for one volt of the drive of the loop [N/V], shape (n,)."""
+        return self.force_of_voltage(self.stage.drive_of(self.axis).name)
+
+    def plant(self) -> LoopPlant:
+        """Return the plant of the axis as its loop samples it, or as a new loop would."""
+        every = modes(self.system, drives="in place", count=None)
+        static = (self.sensor @ every.shapes) * (self.force @ every.shapes) / every.omega**2
+        gain = float(static.sum())
+        loop = self.loop or PositionLoop(name="new", settings=ServoSettings())
+        if not gain > 0.0:
+            raise ModelError(
+                f"the probe of axis '{self.axis}' falls as its voltage rises: turn the probe"
+            )
+        return LoopPlant(
+            gain=gain,
+            gain_range=(gain, gain),
+            modes=StageModes(
+                frequency_hz=every.frequency_hz.tolist(),
+                damping_ratio=every.damping_ratio.tolist(),
+                share=(static / gain).tolist(),
+            ),
+            delay=loop.latency,
+            sample_rate_hz=loop.sample_rate,
+        )
+
+
+def _loop_of(text: str | PositionLoop, setup: _Setup) -> PositionLoop:
+    """Return the loop of a word, crossover or file."""
+    if isinstance(text, PositionLoop):
+        return text
+    if text.strip() == "tune":
+        return PositionLoop(name="tune", settings=tune_plant(_within(setup.plant())).settings)
+    crossover = crossover_of(text)
+    if crossover is None and Path(text).is_file():
+        return read_loop(Path(text))
+    if crossover is None or not crossover > 0.0:
+        raise ModelError(
+            "a loop is a crossover above 0 such as '100 Hz', tune, or the file of a loop, got "
+            f"'{text[:60]}'"
+        )
+    plant = setup.plant()
+    assert plant.modes is not None
+    peak = int(np.argmax(np.abs(plant.modes.share) / np.array(plant.modes.damping_ratio)))
+    return integral_loop(crossover, plant.gain, plant.modes.frequency_hz[peak])
+
+
+def _within(plant: LoopPlant) -> LoopPlant:
+    """Return the plant with the modes below half the rate, the others without delay."""
+    assert plant.modes is not None
+    every = plant.modes
+    rows = [
+        row
+        for row in zip(every.frequency_hz, every.damping_ratio, every.share, strict=True)
+        if row[0] < 0.5 * plant.sample_rate_hz
+    ]
+    f, zeta, share = zip(*rows, strict=True)
+    return replace(plant, modes=StageModes(frequency_hz=f, damping_ratio=zeta, share=share))
+
+
+def _margins(setup: _Setup) -> Margins | None:
+    """Return the margins of the loop; refuse an unstable one."""
+    if setup.loop is None:
+        return None
+    plant = setup.plant()
+    margins = loop_margins(plant, setup.loop.settings)
+    if not margins.stable:
+        raise ModelError(
+            f"loop '{setup.loop.name}' is unstable on this stage: reduce its gain, or notch the "
+            f"mode at {plant.modes.frequency_hz[0] if plant.modes else 0.0:.4g} Hz"
+        )
+    return margins
+
+
+def _budgets(setup: _Setup) -> list[PointBudget]:
+    """Return the budget at every point."""
+    margins = _margins(setup)
+    f, responses = _resolved(setup)
+    levers: dict[str, Array] = {}
+    for name, change in _LEVERS.items():
+        if setup.loop is not None or name != "loop gain":
+            low, high = (np.log(_totals(change(setup, 1.0 + step))) for step in (-_STEP, _STEP))
+            levers[name] = (high - low) / math.log((1.0 + _STEP) / (1.0 - _STEP))
+    return [
+        PointBudget(
+            loop=OPEN if setup.loop is None else setup.loop.name,
+            point=point.name,
+            unit=setup.system.probe(point.probe).unit,
+            frequency_hz=f,
+            sources=tuple(
+                _source_budget(source, response, f)
+                for source, response in zip(setup.environment.sources, responses[k], strict=True)
+            ),
+            margins=margins,
+            levers={name: float(slopes[k]) for name, slopes in levers.items()},
+        )
+        for k, point in enumerate(setup.points)
+    ]
+
+
+def _source_budget(source: NoiseSource, response: Complex, f: Array) -> SourceBudget:
+    squared = np.abs(response) ** 2
+    spectrum = source.spectrum
+    return SourceBudget(
+        name=source.name,
+        kind=source.kind,
+        density=squared * spectrum.density(f),
+        lines=tuple(
+            (at, variance * float(np.interp(at, f, squared))) for at, variance in spectrum.lines
+        ),
+    )
+
+
+def _totals(setup: _Setup) -> Array:
+    """Return the rms of all sources at each point, shape (points,)."""
+    f, responses = _resolved(setup)
+    totals = []
+    for of_point in responses:
+        variance = 0.0
+        for source, response in zip(setup.environment.sources, of_point, strict=True):
+            budget = _source_budget(source, response, f)
+            variance += float(np.trapezoid(budget.density, f)) + sum(v for _, v in budget.lines)
+        totals.append(max(math.sqrt(variance), 1e-300))
+    return np.array(totals)
+
+
+def _scaled_damping(setup: _Setup, factor: float) -> _Setup:
+    damping: Damping = setup.system.damping
+    if isinstance(damping, ModalDamping):
+        damping = ModalDamping(ratio=factor * damping.ratio)
+    elif isinstance(damping, RayleighDamping):
+        damping = RayleighDamping(alpha=factor * damping.alpha, beta=factor * damping.beta)
+    else:
+        damping = LossFactor(eta=factor * damping.eta)
+    return replace(setup, system=setup.system.with_damping(damping))
+
+
+def _scaled_stiffness(setup: _Setup, factor: float) -> _Setup:
+    return replace(setup, system=replace(setup.system, K=factor * setup.system.K))
+
+
+def _scaled_gain(setup: _Setup, factor: float) -> _Setup:
+    assert setup.loop is not None
+    settings = replace(
+        setup.loop.settings,
+        integral=factor * setup.loop.settings.integral,
+        proportional=factor * setup.loop.settings.proportional,
+    )
+    return replace(setup, loop=replace(setup.loop, settings=settings))
+
+
+#: Parameters of stage and loop by name; the loop keeps its settings while the stage changes.
+_LEVERS: dict[str, Callable[[_Setup, float], _Setup]] = {
+    "damping": _scaled_damping,
+    "stiffness of the stage": _scaled_stiffness,
+    "loop gain": _scaled_gain,
+}
+
+
+def _resolved(setup: _Setup) -> tuple[Array, Complex]:
+    """Return lines that resolve the total at every point, and the responses at them.
+
+    Lines are spread over the logarithm of the band, and dense about every mode of the open stage.
+    Where the total changes by more than a tenth from one to the next, a line is added between.
+    """
+    every = modes(setup.system, drives="in place", count=None)
+    respond = _responder(setup, every)
+    f = _first_lines(setup.environment, every)
+    responses = respond(f)
+    for _ in range(_ROUNDS):
+        total = sum(
+            np.abs(responses[:, k]) ** 2 * source.spectrum.density(f)
+            for k, source in enumerate(setup.environment.sources)
+        )
+        logarithm = np.log(np.maximum(total, 1e-300))
+        steep = np.any(np.abs(np.diff(logarithm, axis=-1)) > _CHANGE, axis=0)
+        steep &= np.diff(f) > _APART * f[1:]
+        if not steep.any():
+            break
+        new = 0.5 * (f[1:] + f[:-1])[steep]
+        order = np.argsort(np.concatenate((f, new)), kind="stable")
+        f = np.concatenate((f, new))[order]
+        responses = np.concatenate((responses, respond(new)), axis=-1)[..., order]
+    return f, responses
+
+
+def _first_lines(environment: Environment, every: Modes) -> Array:
+    low, high = environment.band
+    parts = [np.geomspace(low, high, _LINES)]
+    s = np.sinh(np.linspace(-4.0, 4.0, _NEAR)) / np.sinh(4.0)
+    for mode, zeta in zip(every.frequency_hz, every.damping_ratio, strict=True):
+        if mode < high:
+            parts.append(mode * (1.0 + min(_WIDTHS * max(zeta, 1e-4), 0.9) * s))
+    for source in environment.sources:
+        spectrum = source.spectrum
+        jumps = np.array(spectrum.jumps)
+        parts += [jumps * (1.0 - 1e-9), jumps * (1.0 + 1e-9)]
+        parts.append(np.array([at for at, _ in spectrum.lines]))
+    lines = np.unique(np.concatenate(parts))
+    return lines[(lines >= low) & (lines <= high)]
+
+
+def _responder(setup: _Setup, every: Modes) -> Callable[[Array], Complex]:
+    """Return the function that gives the response of each point to each source at frequencies.
+
+    Its result has the shape (points, sources, k), in unit of the point over that of the source.
+    """
+    system, sources = setup.system, setup.environment.sources
+    readers = np.array([*(_reader(system, point) for point in setup.points), setup.sensor])
+    forces = [_force(setup, source) for source in sources]
+    loop = setup.loop
+    plant = None if loop is None else setup.plant()
+    if loop is not None:
+        forces.append(setup.force)
+    grounds = [(k, s) for k, s in enumerate(sources) if isinstance(s, GroundMotion)]
+    carried = {
+        (j, k): _carried(setup.stage, point.probe, source.along)
+        for j, point in enumerate(setup.points) if point.relative_to == "room"
+        for k, source in grounds
+    }  # fmt: skip
+
+    def respond(f: Array) -> Complex:
+        response = modal_response(every, readers, np.array(forces), f)
+        omega = 2.0j * np.pi * f
+        for k, source in grounds:
+            unit = source.spectrum.unit
+            # a motion of the ground is an acceleration of the base
+            powers = 0 if unit.endswith("/s^2") else 1 if unit.endswith("/s") else 2
+            response[:, k] *= omega**powers
+            for j in range(len(setup.points)):
+                response[j, k] += carried.get((j, k), 0.0) * omega ** (powers - 2)
+        if loop is None or plant is None:
+            return response[:-1]
+        read = response[-1, :-1].copy()
+        read[[k for k, s in enumerate(sources) if s.kind == "sensor"]] = 1.0
+        command = np.zeros_like(f, dtype=np.complex128)
+        low = f < 0.5 * loop.sample_rate
+        control = loop.settings.response(f[low], loop.sample_rate)
+        hold = np.sinc(f / loop.sample_rate) * np.exp(
+            -omega * (0.5 / loop.sample_rate + loop.latency)
+        )
+        command[low] = -control / (1.0 + control * plant.response(f[low])) * hold[low]
+        return response[:-1, :-1] + response[:-1, -1:] * (command * read)
+
+    return respond
+
+
+def _carried(stage: Stage, probe: str, along: GroundDirection) -> float:
+    """Return the reading in the room of a stage that moves with the ground, undeformed."""
+    described = stage.probe(probe)
+    if described.relative_to is not None:
+        return 0.0
+    x, y = described.at
+    motion = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "rotation": (-y, x, 1.0)}[along]
+    return float(np.dot(described.row, motion))
+
+
+def _reader(system: MechanicalSystem, point: Point) -> Array:
+    vector = system.probe(point.probe).vector
+    if point.relative_to in ("base", "room"):
+        return vector
+    other = system.probe(point.relative_to)
+    return vector - other.vector
+
+
+def _force(setup: _Setup, source: NoiseSource) -> Array:
+    """Return the force on each coordinate for a unit of a source; none of a sensor."""
+    system = setup.system
+    if isinstance(source, GroundMotion):
+        return -system.base_force(source.along, "in place")
+    if isinstance(source, BodyForce):
+        force = system.body(source.body).matrix["xy".index(source.along)]
+        if not np.any(force):
+            raise ModelError(f"source '{source.name}': body '{source.body}' is fixed: name another")
+        return force
+    if isinstance(source, DriveVoltage):
+        return setup.force_of_voltage(source.drive)
+    unit = setup.stage.probe(setup.stage.axis(setup.axis).probe).unit
+    if source.spectrum.unit != unit:
+        raise ModelError(
+            f"source '{source.name}' is noise in {source.spectrum.unit}, but the sensor of axis "
+            f"'{setup.axis}' reads {unit}: convert it"
+        )
+    return np.zeros(system.order)
