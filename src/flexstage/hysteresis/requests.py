@@ -251,6 +251,20 @@ class CompensateRequest(Request):
         self.amplifier.require_load()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeTolerance(Request):
+    """Uncertainty of a plant, as half-widths relative to its values."""
+
+    one_value: ClassVar[bool] = True
+
+    frequency: Annotated[float, _SHARE, Written("SHARE")] = 0.03
+    """Natural frequencies, all by the same factor."""
+    damping: Annotated[float, _SHARE, Written("SHARE")] = 0.2
+    """Damping ratios, likewise."""
+    inverse: Annotated[float, _SHARE, Written("SHARE")] = 0.01
+    """Error that the inverse of the hysteresis leaves, over the move."""
+
+
 def require_after(after: float | str, *words: str) -> None:
     """Refuse an invalid state before the first sample; a file has an ending."""
     if isinstance(after, str):
