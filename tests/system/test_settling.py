@@ -24,7 +24,7 @@ from flexstage.virtual.piezo_loop import sampled_response
 from flexstage.virtual.piezo_stage import PiezoStage
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "control.md"
-REQUEST = SettleRequest(move=10e-6, band=10e-9)
+REQUEST = SettleRequest(move=10e-6, within=10e-9)
 SHORT = ("jerk-limited", "zv", "zvd", "minimum-time", "robust minimum-time")
 
 
@@ -101,7 +101,16 @@ def test_the_command_writes_a_move_that_a_controller_can_run(tmp_path, monkeypat
     mode = {"frequency_hz": {"value": 930.0, "uncertainty": 9.3},
             "damping_ratio": {"value": 0.01, "uncertainty": 1e-3}}  # fmt: skip
     Path("fit.json").write_text(json.dumps({"modes": [mode]}))
-    words = ["settle", "vgtu-piezo", "--move", "4 um", "--band", "20 nm", "--modal-fit", "fit.json"]
+    words = [
+        "settle",
+        "vgtu-piezo",
+        "--move",
+        "4 um",
+        "--within",
+        "20 nm",
+        "--modal-fit",
+        "fit.json",
+    ]
     with pytest.raises(SystemExit) as ended:
         main([*words, "--out", "move.csv", "--figure", "move.svg", "--json", "--quiet"])
     assert ended.value.code in (0, None)
@@ -147,6 +156,13 @@ def test_the_plant_is_that_of_the_simulated_loop_up_to_its_mode() -> None:
 def test_impossible_requests_are_refused_in_words(call, error, words) -> None:
     with pytest.raises(error, match=words):
         call()
+
+
+def test_an_unknown_move_is_refused_before_the_work(capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["settle", "vgtu-piezo", "--move", "4 um", "--write", "zvdd"])
+    assert ended.value.code == 2
+    assert "jerk-limited" in capsys.readouterr().err
 
 
 def test_a_file_without_modes_is_refused(tmp_path) -> None:

@@ -3,7 +3,7 @@
 import math
 from typing import TYPE_CHECKING
 
-from flexstage.cli.options import AxisOption, JsonOption, QuietOption, from_docstring
+from flexstage.cli.options import AxisOption, JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     FigureFile,
     OutputFile,
@@ -28,7 +28,7 @@ def settle(
     stage: StageArgument,
     request: SettleRequest,
     axis: AxisOption = None,
-    kind: str = "zvd",
+    write: str = "zvd",
     out: OutputFile = None,
     figure: FigureFile = None,
     options: StageOptions = AS_DESCRIBED,
@@ -42,24 +42,27 @@ def settle(
 
     Parameters
     ----------
-    kind
-        MOVE: Move that --out writes: step, jerk-limited, zv, zvd, ei, minimum-time or "robust
+    write
+        NAME: Move that --out writes: step, jerk-limited, zv, zvd, ei, minimum-time or "robust
         minimum-time".
     out
         Write its voltages for a controller, the twin or the panel (.csv, .npz, .h5 or .mat).
     figure
         Draw distance from the end over time (.svg, .png or .pdf).
     """
+    from flexstage.studies.settling import VOLTAGES
     from flexstage.studies.settling import settle as run
 
     format = record_format(out)
+    kinds = ", ".join(VOLTAGES)
+    refuse(write not in VOLTAGES, f"--write is one of {kinds}, got '{write[:60]}'")
     with progress_bar("settle", quiet=quiet):
         study = run(options.stage(stage), request, axis)
     files = write_picture(figure, study.plot)
     if out is not None:
         from flexstage.records.write import record_bytes
 
-        write_file(out, record_bytes(study.record(kind), format))
+        write_file(out, record_bytes(study.record(write), format))
         files = [out, *files]
     if json:
         print_result(study.to_dict(), files)

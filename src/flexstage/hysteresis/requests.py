@@ -271,7 +271,7 @@ class SettleRequest(Request):
 
     move: Annotated[float, DIMENSIONS["length"], POSITIVE, Written(bare="m")]
     """Distance, such as "10 um", about the middle of the voltage range."""
-    band: Annotated[float, DIMENSIONS["length"], POSITIVE, Written(bare="m")] | None = None
+    within: Annotated[float, DIMENSIONS["length"], POSITIVE, Written(bare="m")] | None = None
     """Largest distance from the end of the move, on both sides (default: a thousandth of it)."""
     modes: Annotated[int, Range(low=1, high=4)] = 1
     """Number of modes that the shapers suppress, those that move the probe most."""
@@ -295,9 +295,9 @@ class SettleRequest(Request):
     """Model of the mechanics: rigid bodies, or condensed finite elements."""
 
     @property
-    def settling_band(self) -> float:
+    def band(self) -> float:
         """Largest distance from the end of the move [m]."""
-        return 1e-3 * self.move if self.band is None else self.band
+        return 1e-3 * self.move if self.within is None else self.within
 
 
 def require_after(after: float | str, *words: str) -> None:

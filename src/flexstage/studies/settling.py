@@ -146,11 +146,9 @@ class SettlingStudy(Result):
 
     def record(self, kind: str) -> Record:
         """Return the voltages and the predicted position of a move, for a controller."""
-        kinds = [m.kind for m in self.moves if m.voltage.size]
-        if kind not in kinds:
-            raise ModelError(f"a move with voltages is one of {', '.join(kinds)}, got {kind!r}")
         (move,) = (m for m in self.moves if m.kind == kind)
-        assert move.open_loop is not None
+        if move.open_loop is None:
+            raise ModelError(f"{kind} has no voltages of its own: choose another move")
         rate = self.plant.sample_rate_hz
         # at rest before the move and after it
         rest = round(0.05 * rate)
@@ -218,7 +216,7 @@ def settle(stage: Stage, request: SettleRequest, axis: str | None = None) -> Set
         stage=stage.name,
         axis=named,
         distance=request.move,
-        band=request.settling_band,
+        band=request.band,
         plant=bench.plant,
         control=bench.control,
         shapers=tuple((s.frequency_hz, s.damping_ratio) for s in bench.shapers("zv")),
@@ -264,7 +262,7 @@ class _Bench:
 
     def __init__(self, stage: Stage, twin: PiezoStage, axis: str, request: SettleRequest) -> None:
         self.request, self.axis, self.number = request, axis, twin.axes.index(axis)
-        self.distance, self.band = request.move, request.settling_band
+        self.distance, self.band = request.move, request.band
         self.plant = move_plant(twin, axis)
         self.creep: Creep | None = twin.model.drive(twin.parts[self.number].drive).creep
         self.modes, self.tolerance = _shaped_modes(self.plant, request)
@@ -320,7 +318,7 @@ class _Bench:
 
     def kinds(self) -> Iterator[str]:
         """Yield the kinds of moves, with progress."""
-        kinds = (*_VOLTAGES, ALONE)
+        kinds = (*VOLTAGES, ALONE)
         for k, kind in enumerate(kinds):
             progress.update(kind, 0.2 + 0.8 * k / len(kinds))
             yield kind
@@ -332,7 +330,7 @@ class _Bench:
     def settled(self, kind: str) -> SettledMove:
         """Return the settling of a kind of move."""
         rate = self.plant.sample_rate_hz
-        voltage = np.zeros(1) if kind == ALONE else _VOLTAGES[kind](self)
+        voltage = np.zeros(1) if kind == ALONE else VOLTAGES[kind](self)
         target = np.array([self.distance])
         open_loop = None
         if kind != ALONE:
@@ -527,7 +525,7 @@ def _minimum(*, robust: bool) -> Any:
 
 
 #: Voltages of each kind of move.
-_VOLTAGES: dict[str, Any] = {
+VOLTAGES: dict[str, Any] = {
     "step": lambda bench: fastest_ramp(bench.plant, bench.distance, bench.limits),
     "jerk-limited": _jerk_limited,
     "zv": _shaped("zv"),
