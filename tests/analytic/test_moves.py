@@ -19,7 +19,9 @@ from flexstage.control import jerk_limited, minimum_time, shaped, shaper
 from flexstage.control.loop_plant import LoopPlant, loop_margins
 from flexstage.control.moves import (
     MovePlant,
+    MoveResponse,
     VoltageLimits,
+    _programme,
     convolved,
     fastest_ramp,
     residual_vibration,
@@ -266,12 +268,36 @@ def test_a_minimum_time_command_keeps_its_limits_and_leaves_every_mode_at_rest()
     ramp = fastest_ramp(own, 1e-5, limits)
     assert plain.size < shaped(ramp, [shaper("zv", F, 0.01)], RATE).size
     # one sample less cannot be
-    from flexstage.control.moves import _programme
-
     assert _programme(own, 1e-5, limits, 1e-8, plain.size - 1, robust=False) is None
     detuned = plant(modes=StageModes(frequency_hz=[1.02 * F], damping_ratio=[0.01]))
     times = [moved(detuned).motion(u).settling(1e-8) for u in (plain, robust)]
     assert times[1] < 0.6 * times[0]
+
+
+def test_the_fastest_ramp_takes_the_amplifier_to_its_slew_and_no_further() -> None:
+    own, slew = plant(), 30e3
+    ramp = fastest_ramp(own, 1e-5, VoltageLimits(slew=slew))
+    t = np.arange(ramp.size * 1000) / (1000.0 * RATE)
+    # a first-order output, integrated over fine steps of the held voltage
+    behind, rate = 0.0, np.empty(t.size)
+    for k, v in enumerate(np.repeat(ramp, 1000).tolist()):
+        rate[k] = (v - behind) / own.time_constant
+        behind += rate[k] / (1000.0 * RATE)
+    assert ramp[-1] == pytest.approx(20.0, rel=1e-12)
+    assert 0.9 * slew < rate.max() < slew
+    # without an amplifier, the rise of a sample
+    plain = fastest_ramp(plant(time_constant=0.0), 1e-5, VoltageLimits(slew=slew))
+    assert plain.size == math.ceil(20.0 / 3.0)
+
+
+def test_settling_is_the_last_crossing_of_the_band_between_samples() -> None:
+    time = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    positions = np.array([0.0, 1.05, 0.7, 0.95, 1.01])
+    response = MoveResponse(time=time, position=positions, end=1.0)
+    # 0.3 to 0.05 from the end: 0.1 at four fifths
+    assert response.settling(0.1) == pytest.approx(2.8)
+    assert response.settling(2.0) == 0.0
+    assert response.settling(0.005) == math.inf
 
 
 def test_an_undamped_mode_moves_in_the_bang_bang_time_of_its_closed_form() -> None:
