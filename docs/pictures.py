@@ -215,13 +215,23 @@ def card_twin() -> "Figure":
 
 
 def card_control() -> "Figure":
-    """A raster of both axes."""
-    from flexstage.control import raster
+    """A step of a stage with a mode, plain and by a ZVD shaper."""
+    from flexstage.control import shaped, shaper
+    from flexstage.control.loop_plant import LoopPlant
+    from flexstage.control.moves import MovePlant
+    from flexstage.hysteresis import StageModes
 
-    path = raster(("x", "y"), (10e-6, 60e-6), (7e-6, 57e-6), 1.0, 8, sample_rate_hz=1e3)
+    modes = StageModes(frequency_hz=[320.0], damping_ratio=[0.01])
+    plant = LoopPlant(gain=1.0, gain_range=(1.0, 1.0), modes=modes)
+    stage, step = MovePlant(plant, None, reading_delay=0.0, seconds=0.3), np.ones(1)
     figure, axes = card()
-    axes.plot(1e6 * path.positions["x"], 1e6 * path.positions["y"], color=CYCLE[0], linewidth=1.2)
-    axes.set_aspect("equal")
+    for command, colour in (
+        (step, CYCLE[1]),
+        (shaped(step, [shaper("zvd", 320.0, 0.01)], plant.sample_rate_hz), CYCLE[0]),
+    ):
+        motion = stage.motion(command)
+        early = motion.time < 0.03
+        axes.plot(1e3 * motion.time[early], motion.position[early], color=colour, linewidth=1.2)
     return figure
 
 

@@ -28,7 +28,7 @@ from flexstage.control import (
     tune,
 )
 from flexstage.control.feedforward import conditioning_waveform
-from flexstage.control.tracking_run import RunTracking, evaluate_run
+from flexstage.control.trajectory import RunTracking, evaluate_run
 from flexstage.control.two_degree_of_freedom import ControlRun
 from flexstage.hysteresis import DriveModel, DriveState, excitation, identify
 from flexstage.instruments.protocol import Waveform

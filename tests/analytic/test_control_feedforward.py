@@ -15,8 +15,7 @@ from flexstage.control import (
     with_feedforward,
 )
 from flexstage.control.feedforward import conditioning_waveform, shifted_model
-from flexstage.control.tracking_run import evaluate_run
-from flexstage.control.trajectory import delayed
+from flexstage.control.trajectory import delayed, evaluate_run
 from flexstage.hysteresis import (
     DriveModel,
     DriveState,

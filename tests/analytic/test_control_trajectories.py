@@ -1,6 +1,6 @@
 """Trajectories: whole periods without a jump, round corners whose size is known in closed form.
 
-Evidence (Instruments, twin, control): triangles and rasters (closed forms): speed $10^{-9}$ (steps
+Evidence (Instruments, twin, control): triangles and steps (closed forms): speed $10^{-9}$ (steps
 $10^{-4}$), acceleration $10^{-5}$, jerk 0.2 %, overshoot rounding, ends 0.1 %, linear part 4
 samples
 """
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import LimitError, ModelError, RecordError
-from flexstage.control import raster, sine, trajectory_of, triangle
+from flexstage.control import sine, steps, trajectory_of, triangle
 from flexstage.records import Channel, Record
 from flexstage.stage.limits import AxisLimits
 
@@ -32,10 +32,9 @@ def every_kind():
     return [
         triangle("x", LOW, HIGH, 1.7, sample_rate_hz=9.1e3, turn_time=0.03),
         sine("y", LOW, HIGH, 13.0, sample_rate_hz=7e3),
-        raster(("x", "y"), (LOW, HIGH), (8e-6, 21e-6), 11.0, 5, sample_rate_hz=8e3),
-        raster(("x", "y"), (LOW, HIGH), (8e-6, 21e-6), 11.0, 5, sample_rate_hz=8e3,
-               slow_motion="steps", turn_time=0.011),
-    ]  # fmt: skip
+        steps("x", LOW, HIGH, 11.0, sample_rate_hz=8e3, move_time=0.011),
+        steps("y", LOW, HIGH, 2.3, sample_rate_hz=4.1e3),
+    ]
 
 
 @pytest.mark.parametrize("made", every_kind(), ids=lambda t: t.kind)
@@ -95,27 +94,27 @@ def test_the_turn_has_less_jerk_than_other_turns_between_the_same_speeds() -> No
 
 
 def test_the_linear_part_has_constant_speed() -> None:
-    made = raster(("x", "y"), (LOW, HIGH), (8e-6, 21e-6), 11.0, 5, sample_rate_hz=8e3)
+    made = triangle("x", LOW, HIGH, 11.0, sample_rate_hz=8e3)
     inside = made.linear & np.roll(made.linear, 1) & np.roll(made.linear, -1)
-    for axis in made.axes:
-        speed = np.abs(speeds(made, axis)[inside])
-        assert np.ptp(speed) < 1e-9 * speed.max()
+    speed = np.abs(speeds(made, "x")[inside])
+    assert np.ptp(speed) < 1e-9 * speed.max()
 
 
-def test_a_raster_by_steps_stands_still_on_each_line() -> None:
-    made = raster(("x", "y"), (LOW, HIGH), (8e-6, 21e-6), 11.0, 5, sample_rate_hz=8e3,
-                  slow_motion="steps")  # fmt: skip
-    levels = np.unique(np.round(made.positions["y"][made.linear] * 1e12))
-    np.testing.assert_allclose(levels * 1e-12, np.linspace(8e-6, 21e-6, 5), atol=1e-12)
-    still = made.linear & np.roll(made.linear, 1)
-    assert np.max(np.abs(np.diff(made.positions["y"]))[still[1:]]) < 1e-20
-
-
-def test_a_raster_by_steps_takes_the_whole_turn_for_a_step() -> None:
-    made = raster(("x", "y"), (LOW, HIGH), (8e-6, 21e-6), 10.0, 5, sample_rate_hz=20e3,
-                  slow_motion="steps", turn_time=0.012)  # fmt: skip
-    # least jerk: 1.875 times the mean speed, seen over 240 samples
-    assert made.largest_speed("y") == pytest.approx(1.875 * 3.25e-6 / 0.012, rel=1e-4)
+def test_steps_rest_at_their_ends_and_move_with_constant_jerk() -> None:
+    rate, move, fs = 2.0, 0.05, 100e3
+    made = steps("x", LOW, HIGH, rate, sample_rate_hz=fs, move_time=move)
+    x, distance = made.positions["x"], HIGH - LOW
+    assert made.linear_share == pytest.approx(1.0 - 2.0 * move * rate, abs=4.0 / made.size)
+    rests = np.unique(np.round(x[made.linear] * 1e15))
+    np.testing.assert_allclose(rests * 1e-15, [LOW, HIGH], rtol=1e-9)
+    # four phases of T/4: 2 D/T, 8 D/T^2, 32 D/T^3
+    assert made.largest_speed("x") == pytest.approx(2.0 * distance / move, rel=1e-4)
+    bend = np.max(np.abs(accelerations(made, "x")))
+    assert bend == pytest.approx(8.0 * distance / move**2, rel=1e-3)
+    jerk = np.abs(np.diff(x[::20], 3)) * (fs / 20) ** 3
+    assert jerk.max() == pytest.approx(32.0 * distance / move**3, rel=1e-3)
+    # the way back is the way there
+    np.testing.assert_allclose(LOW + HIGH - np.roll(x, made.size // 2), x, atol=1e-15)
 
 
 def test_limits_are_refused_in_words() -> None:
@@ -155,10 +154,9 @@ def test_a_path_from_a_record_is_resampled_and_closed() -> None:
         (lambda: triangle("x", LOW, HIGH, 300.0, sample_rate_hz=1e3), "at least 8"),
         (lambda: triangle("x", LOW, HIGH, 1.0, sample_rate_hz=1e3, turn_time=0.7), "at most half"),
         (lambda: sine("x", LOW, HIGH, -1.0, sample_rate_hz=1e3), "must be positive"),
-        (lambda: raster(("x", "y"), (LOW, HIGH), (LOW, HIGH), 5.0, 1, sample_rate_hz=1e3),
-         "two lines"),
+        (lambda: steps("x", LOW, HIGH, 1.0, sample_rate_hz=1e3, move_time=0.7), "a move must last"),
     ],
-)  # fmt: skip
+)
 def test_impossible_trajectories_are_refused_in_words(make, words) -> None:
     with pytest.raises(ModelError, match=words):
         make()

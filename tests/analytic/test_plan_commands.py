@@ -51,6 +51,21 @@ def test_a_cosine_is_one():
     assert v == pytest.approx(47.0 - 60.0 * np.cos(2.0 * np.pi * t), abs=1e-12)
 
 
+def test_steps_rest_at_both_ends_and_move_by_half_of_the_way_per_half_of_the_time():
+    found = made(EqualCycles(axis="x", rate=2.0, cycles=2, condition=1, shape="steps", low=0.25))
+    v = found.waveform.values["x"]
+    assert (found.first, found.period, v.size) == (500, 500, 1501)
+    assert (v[0], v[-1]) == (pytest.approx(17.0), pytest.approx(17.0))
+    # a tenth of the half period, 25 samples, from -13 + 120/4 to 107 V
+    assert v[500:751] == pytest.approx(np.append(v[500:526], np.full(225, 107.0)))
+    assert v[750:776] == pytest.approx(124.0 - v[500:526])
+    at = np.arange(13) / 25.0
+    # a jerk of 32 over a quarter, and of -32 after it
+    rise = np.where(at <= 0.25, 16.0 / 3.0 * at**3,
+                    16.0 / 3.0 * (at**3 - 2.0 * np.maximum(at - 0.25, 0.0) ** 3))  # fmt: skip
+    assert (v[500:513] - 17.0) / 90.0 == pytest.approx(rise, abs=1e-12)
+
+
 def test_falling_cycles_end_at_the_share_that_was_asked_for():
     found = made(
         DescendingLoops(axis="x", rate=1.0, full=2, descending=4, smallest=0.2, condition=1)

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.control import compensate, loop_margins, raster, sine, triangle
+from flexstage.control import compensate, jerk_limited, loop_margins, sine, triangle
 from flexstage.control.design import tune_plant
 from flexstage.control.loop_plant import LoopPlant
 from flexstage.control.trajectory import delayed, there_and_back
@@ -40,15 +40,21 @@ def test_a_triangle_keeps_to_its_ends_and_its_stated_limits(low, span, rate, tur
     assert np.max(np.abs(acceleration)) <= 3.0 * speed / (turn * half) * (1.0 + 1e-6)
 
 
-@given(st.integers(2, 9), st.floats(0.02, 0.9), st.sampled_from(["ramp", "steps"]))
-@settings(max_examples=30)
-def test_a_raster_goes_back_as_it_went(lines, turn, motion) -> None:
-    made = raster(("x", "y"), (0.0, 4e-5), (1e-6, 2e-5), 10.0, lines, sample_rate_hz=2e3,
-                  slow_motion=motion, turn_time=turn * 0.05)  # fmt: skip
-    y = made.positions["y"]
-    np.testing.assert_allclose(y[1:], y[1:][::-1], atol=1e-15)
-    assert np.isclose(y.max(), 2e-5, rtol=1e-9)
-    assert np.isclose(y.min(), 1e-6, rtol=1e-9)
+@given(st.floats(1e-7, 1e-4), st.floats(-5.0, 1.0), st.floats(-2.0, 4.0), st.floats(1.0, 8.0))
+def test_a_jerk_limited_move_keeps_every_limit_and_ends_at_rest(distance, v, a, j) -> None:
+    limits = {"speed": 10.0**v, "acceleration": 10.0**a, "jerk": 10.0**j}
+    longest = distance / limits["speed"] + 4.0 * (distance / limits["jerk"]) ** (1.0 / 3.0)
+    longest += 2.0 * (distance / limits["acceleration"]) ** 0.5
+    longest += limits["speed"] / limits["acceleration"]
+    rate = 4000.0 / longest
+    x = jerk_limited(distance, sample_rate_hz=rate, **limits)
+    assert (x[0], x[-1]) == (0.0, distance)
+    noise = 1e-11 * distance
+    for order, name in enumerate(("speed", "acceleration", "jerk"), start=1):
+        steps = np.abs(np.diff(np.concatenate(([0.0] * 3, x, [distance] * 3)), order))
+        assert steps.max() <= limits[name] / rate**order * (1.0 + 1e-6) + 2**order * noise
+    # and it is one way
+    assert np.diff(x).min() >= -noise
 
 
 @given(st.floats(-0.01, 0.01), st.floats(-0.01, 0.01))

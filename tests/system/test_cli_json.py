@@ -32,6 +32,7 @@ REFUSED = {
     "identify": ["nowhere.csv", "--input", "0", "--output", "1"],
     "predict": ["nowhere.yaml", "nowhere.csv", "--input", "0", "--output", "1"],
     "compensate": ["nowhere.yaml", "--reference", "nowhere.csv"],
+    "settle": ["nowhere.yaml", "--move", "1 um"],
     "characterise": ["nowhere.yaml"],
     "frf": ["nowhere.csv", "--input", "0", "--output", "1"],
     "uncertainty": ["nowhere.yaml"],

@@ -17,6 +17,7 @@ ONE_MEANING = {
     "--column": "a column; of a test with its role, and several times",
     "--material": "a material of the catalogue; of a part also by its constants, by solid",
     "--model": "a model of the mechanics; a twin has the two that run in real time",
+    "--move": "a move of a stage: carried out, or its distance",
     "--output": "the output, or the outputs where a command takes several",
     "--stage": "a stage, or in a list of runs the name of one",
     "--to": "the format that is written",

@@ -22,6 +22,8 @@ WRITING = [
     ["identify", "r.csv", "--input", "0", "--output", "1", "--figure"],
     ["predict", "m.yaml", "r.csv", "--input", "0", "--output", "1", "--figure"],
     ["compensate", "m.yaml", "--reference", "r.csv", "--out"],
+    ["settle", "vgtu-piezo", "--move", "1 um", "--out"],
+    ["settle", "vgtu-piezo", "--move", "1 um", "--figure"],
     ["characterise", "--stage", "parallelogram", "--virtual-seed", "1", "--folder"],
     ["frf", "r.csv", "--input", "0", "--output", "1", "--out"],
     ["frf", "r.csv", "--input", "0", "--output", "1", "--figure"],

@@ -41,6 +41,7 @@ from flexstage.cli.runs import runs
 from flexstage.cli.scale import scale
 from flexstage.cli.sensitivity import sensitivity
 from flexstage.cli.serve import serve
+from flexstage.cli.settle import settle
 from flexstage.cli.show import show
 from flexstage.cli.study import study
 from flexstage.cli.sweep import sweep
@@ -78,7 +79,7 @@ _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
         *(new, import_, check, show, analyse, budget, study, hinges, equations, part, export),
     ),
     "Explore": (sensitivity, sweep, optimise, tolerance, reconstruct),
-    "Drives": (excite, identify, predict, compensate),
+    "Drives": (excite, identify, predict, compensate, settle),
     "Measurements": (records, frf, characterise, uncertainty, scale, centre, calibrate),
     "Bench": (twin, run),
     "Front panel": (serve,),

@@ -1,9 +1,9 @@
 """Control of a stage, real or simulated: trajectories, feedforward, feedback, learning, tuning.
 
-A `Trajectory` is the reference of the axes. `compensate` computes its voltages by the inverse of an
-identified drive. `tune` finds settings of the position control with stated margins. `control_run`
-and `carry_out` combine both on any instrument. `learn` removes the error that repeats, and
-`evaluate_run` computes the errors.
+A `Trajectory` is the reference of the axes; `shaper` and `minimum_time` make moves without
+vibration. `compensate` computes voltages by the inverse of an identified drive. `tune` finds
+settings of the position control with stated margins. `control_run` and `carry_out` combine both on
+any instrument. `learn` removes the error that repeats, and `evaluate_run` computes the errors.
 """
 
 from typing import TYPE_CHECKING
@@ -17,8 +17,15 @@ if TYPE_CHECKING:
     from flexstage.control.feedforward import Compensation, compensate, shifted_model, trimmed_model
     from flexstage.control.learning import Learning, LearningSettings, Trial, learn
     from flexstage.control.loop_plant import loop_margins
-    from flexstage.control.tracking_run import evaluate_record
-    from flexstage.control.trajectory import Trajectory, raster, sine, trajectory_of, triangle
+    from flexstage.control.moves import jerk_limited, minimum_time, shaped, shaper
+    from flexstage.control.trajectory import (
+        Trajectory,
+        evaluate_record,
+        sine,
+        steps,
+        trajectory_of,
+        triangle,
+    )
     from flexstage.control.two_degree_of_freedom import (
         ControlMode,
         carry_out,
@@ -42,12 +49,16 @@ __all__ = [
     "control_run",
     "dynamic_budget",
     "evaluate_record",
+    "jerk_limited",
     "learn",
     "loop_margins",
-    "raster",
+    "minimum_time",
     "read_environment",
+    "shaped",
+    "shaper",
     "shifted_model",
     "sine",
+    "steps",
     "trajectory_of",
     "triangle",
     "trimmed_model",

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import LimitError, ModelError, RecordError
-from flexstage.control.tracking_run import whole_periods
-from flexstage.control.trajectory import Trajectory, smooth_step
+from flexstage.control.trajectory import Trajectory, smooth_step, whole_periods
 from flexstage.hysteresis import DriveModel, DriveState, Feedforward, Lag, feedforward
 from flexstage.hysteresis.limited_inverse import command_limits
 from flexstage.instruments.protocol import Waveform

@@ -34,8 +34,7 @@ from numpy.typing import NDArray
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import LimitError, ModelError, RecordError
 from flexstage.control.loop_plant import loop_plant
-from flexstage.control.tracking_run import at_times, samples_of_period
-from flexstage.control.trajectory import Trajectory
+from flexstage.control.trajectory import Trajectory, at_times, samples_of_period
 from flexstage.hysteresis import DriveModel
 from flexstage.hysteresis.limited_inverse import chain_response, steady_input, steady_output
 from flexstage.instruments.protocol import Waveform

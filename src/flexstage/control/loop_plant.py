@@ -96,7 +96,7 @@ class LoopPlant:
         z1 = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) * step)
         whole_samples = math.ceil(self.delay / step - 1e-9)
         within = max(whole_samples * step - self.delay, 0.0)
-        poles, residues = _step_response(self.modes, self.time_constant)
+        poles, residues = step_response(self.modes, self.time_constant)
         total = np.ones_like(z1)
         for p, c in zip(poles, residues, strict=True):
             total += (1.0 - z1) * c * np.exp(p * within) / (1.0 - np.exp(p * step) * z1)
@@ -111,7 +111,7 @@ class LoopPlant:
         return replace(self, gain=scaled, gain_range=(scaled, scaled), modes=modes)
 
 
-def _step_response(modes: StageModes | None, time_constant: float) -> tuple[Complex, Complex]:
+def step_response(modes: StageModes | None, time_constant: float) -> tuple[Complex, Complex]:
     """Return poles and amplitudes of the step response, ``1 + sum c exp(p t)``."""
     poles: list[complex] = []
     residues: list[complex] = []

@@ -1,9 +1,11 @@
-"""Trajectories of the axes over one period: sines, triangles, rasters, and columns of a record."""
+"""Trajectories of the axes over one period, and the tracking errors of runs.
+
+Sines, triangles, steps, and columns of a record.
+"""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.base.arrays import Array
 from flexstage.base.choose import has_no
 from flexstage.base.errors import LimitError, ModelError, RecordError
+from flexstage.control.moves import jerk_limited
+from flexstage.hysteresis import Tracking, tracking
 from flexstage.instruments.protocol import Waveform
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
@@ -36,8 +40,8 @@ class Trajectory:
     sample_rate_hz: float
     """Samples in a second [Hz]."""
     linear: NDArray[np.bool_]
-    """True in the useful part: constant speed of a triangle or a raster (with steps, the slow axis
-    is at rest); True everywhere for sines. Shape (n,).
+    """True in the useful part: constant speed of a triangle, rests of steps; True everywhere for
+    sines. Shape (n,).
     """
     kind: str
     """Kind of the trajectory."""
@@ -243,13 +247,13 @@ def linear_between_turns(phase: Array, turn: float) -> NDArray[np.bool_]:
     return (t >= edge) & (t <= 1.0 - edge)
 
 
-def turn_share(turn_time: float | None, half_period: float) -> float:
-    """Return the duration of a turn over half the period [1]; both are given in s."""
+def turn_share(turn_time: float | None, half_period: float, name: str = "a turn") -> float:
+    """Return the duration of a turn or a move over half the period [1]; both are given in s."""
     if turn_time is None:
         return 0.1
     if not 0.0 < turn_time <= half_period * (1.0 + 1e-9):
         raise ModelError(
-            f"a turn must last more than 0 s and at most half the period, {half_period:g} s, got "
+            f"{name} must last more than 0 s and at most half the period, {half_period:g} s, got "
             f"{turn_time!r} s"
         )
     return min(turn_time / half_period, 1.0)
@@ -360,97 +364,66 @@ def sine(
     )
 
 
-def raster(
-    axes: tuple[str, str],
-    fast: tuple[float, float],
-    slow: tuple[float, float],
-    line_rate_hz: float,
-    lines: int,
+def steps(
+    axis: str,
+    low: float,
+    high: float,
+    rate_hz: float,
     *,
     sample_rate_hz: float,
-    slow_motion: Literal["ramp", "steps"] = "ramp",
-    turn_time: float | None = None,
+    move_time: float | None = None,
 ) -> Trajectory:
-    """Return a raster scan of the field, forwards and back.
+    """Return jerk-limited moves from the lower end to the upper end and back, each with a rest.
 
-    Every line is a period of the fast axis, forwards and back. After the last line the slow axis
-    returns over the field while the fast one continues, so that the motion repeats without a step.
+    A move over D in the time T has four phases of the jerk ``32 D / T^3``; its speed is at most
+    ``2 D / T``. It begins with the period, or with its second half.
 
     Parameters
     ----------
-    axes : tuple of str
-        The fast and the slow axis.
-    fast, slow : tuple of float
-        Lowest and highest position of each [m].
-    line_rate_hz : float
-        Lines in a second [Hz].
-    lines : int
-        Number of lines of the field, 2 or more.
+    axis : str
+        The axis.
+    low, high : float
+        Lowest and highest position [m].
+    rate_hz : float
+        Periods in a second [Hz].
     sample_rate_hz : float
         Samples in a second [Hz].
-    slow_motion : {"ramp", "steps"}
-        Motion of the slow axis at constant speed with smooth turns at the ends of the field, or
-        minimum-jerk steps from line to line while the fast axis turns at its lower end.
-    turn_time : float, optional
-        Duration of a turn of the fast axis [s] (default: a tenth of half a line).
+    move_time : float, optional
+        Duration of a move [s] (default: a tenth of the half period).
 
     Returns
     -------
     Trajectory
-        The field forwards and back; in its linear part both axes move at constant speed.
+        One period; its linear part is at rest.
 
     Raises
     ------
     ModelError
-        The ends do not rise, a rate or a time is impossible, or there are fewer than two lines.
+        The ends do not rise, a rate is impossible, or a move lasts longer than half the period.
 
     Examples
     --------
-    >>> scan = raster(("x", "y"), (1e-6, 51e-6), (5e-6, 25e-6), 10.0, 16, sample_rate_hz=2e3,
-    ...               slow_motion="steps")
-    >>> round(scan.period, 6), round(scan.linear_share, 2)
-    (3.2, 0.91)
+    >>> wave = steps("x", 5e-6, 15e-6, 10.0, sample_rate_hz=10e3, move_time=4e-3)
+    >>> round(wave.largest_speed("x") * 1e3, 2), round(wave.linear_share, 2)
+    (5.0, 0.92)
     """
-    x0, x1 = checked_ends(*fast, axes[0])
-    y0, y1 = checked_ends(*slow, axes[1])
-    if lines < 2:
-        raise ModelError(f"a raster needs two lines or more, got {lines}")
-    if slow_motion not in ("ramp", "steps"):
-        raise ModelError(f"the slow axis moves by 'ramp' or 'steps', got {slow_motion!r}")
-    count, notes = period_samples(line_rate_hz, sample_rate_hz)
+    low, high = checked_ends(low, high, axis)
+    count, notes = period_samples(rate_hz, sample_rate_hz)
     half = 0.5 * count / sample_rate_hz
-    turn = turn_share(turn_time, half)
-    line = np.arange(2 * lines * count) / count
-    linear = linear_between_turns(line, turn)
-    if slow_motion == "ramp":
-        # the slow axis turns during one line of the fast one
-        slow_turn = 1.0 / lines
-        share = there_and_back(line / (2 * lines), slow_turn)
-        linear &= linear_between_turns(line / (2 * lines), slow_turn)
-    else:
-        share = _steps(line, lines, turn)
-    speed = (x1 - x0) / (half * (1.0 - turn + 2.0 * BEYOND * turn))
+    time = half * turn_share(move_time, half, "a move")
+    jerk = 32.0 * (high - low) / time**3
+    way = jerk_limited(high - low, jerk=jerk, sample_rate_hz=sample_rate_hz)[: count // 2]
+    index = np.arange(count)
+    rise = np.interp(index, np.arange(way.size), way)
+    fall = np.interp(index - count // 2, np.arange(way.size), way)
+    moving = index % (count - count // 2) < time * sample_rate_hz
     return Trajectory(
-        positions={
-            axes[0]: x0 + (x1 - x0) * there_and_back(line, turn),
-            axes[1]: y0 + (y1 - y0) * share,
-        },
+        positions={axis: low + rise - fall},
         sample_rate_hz=float(sample_rate_hz),
-        linear=linear,
-        kind="raster",
-        overshoot=BEYOND * speed * turn * half,
+        linear=~moving,
+        kind="steps",
         notes=notes,
     )
-
-
-def _steps(line: np.ndarray, lines: int, turn: float) -> np.ndarray:
-    """Return levels 0 ... n-1, n-1 ... 0, with steps during the turn at the end of each line."""
-    level = np.concatenate((np.arange(lines), np.arange(lines)[::-1])) / (lines - 1.0)
-    nearest = np.round(line).astype(np.intp)
-    before, after = level[nearest - 1], level[nearest % level.size]
-    # a turn lasts `turn` of half a line
-    share = smooth_step((line - nearest) / (0.5 * turn) + 0.5)
-    return before + (after - before) * share
 
 
 #: Largest step from the end to the start of a path, over its range, that needs no closing.
@@ -549,3 +522,171 @@ def _resampled(x: np.ndarray, record: Record, rate: float) -> np.ndarray:
     spline = CubicSpline(np.arange(x.size + 1), np.append(x, x[0]), bc_type="periodic")
     count = round(x.size / record_rate * rate)
     return np.asarray(spline(np.arange(count) * (x.size / count)), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RunTracking:
+    """Tracking errors of a run."""
+
+    axis: str
+    """The axis."""
+    time: Array
+    """Times of the compared samples [s], shape (n,)."""
+    reference: Array
+    """The reference [m], shape (n,)."""
+    output: Array
+    """The output [m], shape (n,)."""
+    total: Tracking
+    """Loop width of the mean period, errors over all periods [m]."""
+    per_period_rms: tuple[float, ...]
+    """Root mean square of the error of each period [m]."""
+    repeatable_rms: float
+    """Root mean square of the mean period's error [m], which learning can still remove."""
+    random_rms: float
+    """Root mean square of the differences between the periods [m]; NaN for one period."""
+    offset: float
+    """Mean error that was subtracted, where requested [m]."""
+
+    def reduction_percent(self, open_loop: "RunTracking") -> float:
+        """Return the reduction of the loop width against a run without compensation [%]."""
+        return 100.0 * (1.0 - self.total.loop_width / open_loop.total.loop_width)
+
+
+def evaluate_run(
+    trajectory: Trajectory,
+    axis: str,
+    output: ArrayLike,
+    *,
+    sample_rate_hz: float | None = None,
+    skip: int = 0,
+    free_offset: bool = False,
+) -> RunTracking:
+    """Compare complete periods of an output with a trajectory.
+
+    The first sample of the output [m] is that of the trajectory; an incomplete last period is
+    ignored, and so are the first `skip` periods. With a free offset a constant error is
+    subtracted: for open loop, whose offset is arbitrary.
+
+    Examples
+    --------
+    >>> reference = sine("x", 0.0, 40e-6, 2.0, sample_rate_hz=1e3)
+    >>> late = np.roll(np.tile(reference.positions["x"], 3), 2)
+    >>> round(evaluate_run(reference, "x", late).total.rms * 1e9)
+    355
+    """
+    rate = trajectory.sample_rate_hz if sample_rate_hz is None else float(sample_rate_hz)
+    size = samples_of_period(trajectory, rate)
+    readings = whole_periods(output, size, skip).ravel()
+    periods = readings.size // size
+    one_period = at_times(trajectory, axis, np.arange(size) / rate)
+    reference = np.tile(one_period, periods)
+    offset = float(np.mean(readings - reference)) if free_offset else 0.0
+    error = (readings - offset - reference).reshape(periods, size)
+    mean = error.mean(axis=0)
+    random = float(np.sqrt(np.mean((error - mean) ** 2) * periods / max(periods - 1, 1)))
+    return RunTracking(
+        axis=axis,
+        time=(skip * size + np.arange(readings.size)) / rate,
+        reference=reference + offset,
+        output=readings,
+        total=_cycles_of(reference + offset, readings, size, error),
+        per_period_rms=tuple(float(r) for r in np.sqrt(np.mean(error**2, axis=1))),
+        repeatable_rms=float(np.sqrt(np.mean(mean**2))),
+        random_rms=random if periods > 1 else float("nan"),
+        offset=offset,
+    )
+
+
+def evaluate_record(
+    record: Record,
+    column: str | int,
+    trajectory: Trajectory,
+    axis: str,
+    *,
+    skip: int = 0,
+) -> RunTracking:
+    """Compare complete periods of a record that began with a trajectory.
+
+    Parameters
+    ----------
+    record : Record
+        The record; its first sample is the first of the trajectory.
+    column : str or int
+        The column of the reading [m].
+    trajectory : Trajectory
+        The reference.
+    axis : str
+        The axis.
+    skip : int
+        First periods that are skipped.
+
+    Returns
+    -------
+    RunTracking
+        Errors and loop.
+
+    Raises
+    ------
+    RecordError
+        The column is missing, or there is no complete period.
+    """
+    reading = record.channel(column).values
+    return evaluate_run(trajectory, axis, reading, sample_rate_hz=record.sample_rate_hz, skip=skip)
+
+
+def samples_of_period(trajectory: Trajectory, sample_rate_hz: float) -> int:
+    """Return the number of samples of a period at a rate; `RecordError` if it is not whole."""
+    count = trajectory.period * sample_rate_hz
+    size = round(count)
+    if size < 8 or abs(count - size) > 1e-6 * count:
+        raise RecordError(
+            f"a period of {trajectory.period:g} s is {count:.6g} samples at {sample_rate_hz:g} Hz: "
+            "record with an integer number of samples per period"
+        )
+    return size
+
+
+def whole_periods(reading: ArrayLike, size: int, skip: int) -> Array:
+    """Return the complete periods of a reading after the first ones, shape (periods, size)."""
+    readings = np.asarray(reading, dtype=np.float64)
+    periods = readings.size // size - skip
+    if periods < 1:
+        raise RecordError(
+            f"the reading has {readings.size} samples, and {skip} periods of {size} are skipped: "
+            "no complete period remains; record more periods"
+        )
+    return readings[skip * size : (skip + periods) * size].reshape(periods, size)
+
+
+def at_times(trajectory: Trajectory, axis: str, time: Array) -> Array:
+    """Return the positions of a periodic trajectory at any times, by a cubic spline [m]."""
+    from scipy.interpolate import CubicSpline
+
+    x = np.asarray(trajectory.positions[axis], dtype=np.float64)
+    spline = CubicSpline(np.arange(x.size + 1), np.append(x, x[0]), bc_type="periodic")
+    at = np.mod(np.asarray(time) * trajectory.sample_rate_hz, x.size)
+    return np.asarray(spline(at), dtype=np.float64)
+
+
+def _cycles_of(reference: Array, output: Array, size: int, error: Array) -> Tracking:
+    """Return the loop width over cycles that begin at the lowest point of the reference."""
+    low = int(np.argmin(reference[:size]))
+    bounds = np.arange(low, reference.size, size)
+    if low == 0:
+        bounds = np.append(bounds, reference.size)
+    if bounds.size < 2:
+        # one period, begun elsewhere: turned so that it begins at its low end
+        reference, output, bounds = (
+            np.roll(reference, -low),
+            np.roll(output, -low),
+            np.array([0, size]),
+        )
+    # the sample after the last is the first again
+    cycle_tracking = tracking(
+        np.append(reference, reference[0]), np.append(output, output[0]), bounds
+    )
+    return Tracking(
+        loop_width=cycle_tracking.loop_width,
+        rms=float(np.sqrt(np.mean(error**2))),
+        largest=float(np.max(np.abs(error))),
+    )

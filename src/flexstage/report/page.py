@@ -192,6 +192,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ToleranceStudy", "shares"): ("distributions.draw_shares", "study"),
     ("VerifiedStep", ""): ("tracking.draw_following", "step"),
     ("Workspace", ""): ("motion_error.draw_workspace", "workspace"),
+    ("SettlingStudy", ""): ("tracking.draw_settling", "study"),
 }
 
 

@@ -46,8 +46,8 @@ class EqualCycles(Excite):
     """Number of evaluated cycles."""
     condition: CountOrZero = 1
     """Number of conditioning cycles before them, which are not evaluated."""
-    shape: Literal["triangle", "cosine"] = "triangle"
-    """Shape of a cycle."""
+    shape: Literal["triangle", "cosine", "steps"] = "triangle"
+    """Shape of a cycle; steps are jerk-limited moves between the ends, with rests."""
     low: float = 0.0
     """Low end, as a fraction of the range [1]."""
     high: float = 1.0
@@ -71,6 +71,11 @@ class EqualCycles(Excite):
         phase = index / n
         if self.shape == "cosine":
             share = 0.5 - 0.5 * np.cos(2.0 * np.pi * phase)
+        elif self.shape == "steps":
+            from flexstage.control.trajectory import steps
+
+            cycle = steps("", 0.0, 1.0, fs / n, sample_rate_hz=fs).positions[""]
+            share = cycle[index % n]
         else:
             share = 1.0 - np.abs(2.0 * (phase % 1.0) - 1.0)
         low, high = s.place(self.low), s.place(self.high)

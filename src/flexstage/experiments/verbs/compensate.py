@@ -50,8 +50,8 @@ class Reference:
     """Number of evaluated cycles."""
     settle: CountOrZero = 3
     """Number of settling cycles before them."""
-    shape: Literal["cosine", "triangle"] = "cosine"
-    """Shape of a cycle; a triangle has rounded corners."""
+    shape: Literal["cosine", "triangle", "steps"] = "cosine"
+    """Shape of a cycle; a triangle has rounded corners, steps are jerk-limited moves with rests."""
     share: Annotated[float, Range(low=0.0, high=1.0, above=True)] = 0.99
     """Range of the reference over that of the identified model [1]."""
 
@@ -235,12 +235,12 @@ def reference_trajectory(
     base_rate_hz: float,
 ) -> "Trajectory":
     """Return one period of a reference."""
-    from flexstage.control import sine, triangle
+    from flexstage.control import sine, steps, triangle
 
     rate = reference_rate(reference, sample_rate_hz, base_rate_hz)
     middle = 0.5 * (readings[0] + readings[1])
     half = 0.5 * reference.share * (readings[1] - readings[0])
-    make = triangle if reference.shape == "triangle" else sine
+    make = {"cosine": sine, "triangle": triangle, "steps": steps}[reference.shape]
     return make(axis, middle - half, middle + half, reference.rate, sample_rate_hz=rate)
 
 

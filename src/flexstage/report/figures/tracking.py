@@ -28,10 +28,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from flexstage.control.moves import MoveResponse
     from flexstage.experiments.verbs.identify import IdentifiedStep
     from flexstage.experiments.verbs.verify import FollowedRun, VerifiedStep
     from flexstage.hysteresis import DriveModel, Feedforward
     from flexstage.studies.compensation import AxisExperiment
+    from flexstage.studies.settling import SettlingStudy
 
 
 #: A curve with its colour and its label in the legend.
@@ -317,3 +319,42 @@ def _command_loop(axes: "Axes", feedforward: "Feedforward", model: "DriveModel")
     axes.set(xlabel=f"desired{unit}", ylabel=f"command{scale(model.input_unit)[0]}")
     add_legend(axes, loc="upper left")
     set_title(axes, "compensating loop")
+
+
+def draw_settling(study: "SettlingStudy") -> "Figure":
+    """Draw the largest distance from the end that is still to come, for each move.
+
+    Open loop on the left, with feedback on the right; predictions are continuous, simulations
+    dashed.
+    """
+    figure, diagrams = panels(10.6, 4.2, 2, 2, sharey=True)
+    for axes, feedback in zip(diagrams, (False, True), strict=True):
+        for move, (colour, line) in zip(study.moves, _MOVES, strict=True):
+            times = move.feedback if feedback else move.open_loop
+            if times is not None:
+                look = {"color": colour, "linestyle": line}
+                axes.plot(*_approach(times.motion), linewidth=1.1, label=move.kind, **look)
+                time, away = _approach(times.simulation)
+                axes.plot(time, away, linewidth=2.6, alpha=0.35, **look)
+        axes.axhline(NM * study.band, color=MUTED, linewidth=0.8, linestyle=DASHED)
+        axes.set(xscale="log", yscale="log", xlabel="time [ms]")
+        axes.set_xlim(left=1e3 * min(m.duration for m in study.moves if m.open_loop))
+        axes.set_ylim(0.1 * NM * study.band, 2.0 * NM * study.distance)
+    set_title(diagrams[0], "open loop, without creep")
+    set_title(diagrams[1], "with feedback and creep")
+    diagrams[0].set(ylabel="distance from the end [nm]")
+    add_legend(diagrams[1], loc="upper right")
+    return figure
+
+
+#: Colour and line of each kind of move.
+_MOVES = (*((c, "-") for c in CYCLE[:5]), *((c, DASHED) for c in CYCLE[:3]))
+
+
+def _approach(motion: "MoveResponse") -> tuple[Array, Array]:
+    """Return times [ms] and the largest distance from the end from then on [nm]."""
+    away = np.abs(motion.position - motion.end)
+    time, late = motion.time[1:], np.maximum.accumulate(away[::-1])[::-1][1:]
+    # thinned evenly in the logarithm
+    at = np.unique(np.geomspace(1, time.size, 600).astype(np.intp)) - 1
+    return 1e3 * time[at], NM * late[at]

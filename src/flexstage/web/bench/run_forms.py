@@ -34,7 +34,9 @@ from flexstage.web.live_history import POSITION, VOLTAGE
 from flexstage.web.page import Page, choice, div, remark
 from flexstage.web.uploads import upload
 
-_SHAPES = {"cosine": "sine", "triangle": "triangle", "file": "from a file"}
+_SHAPES = {
+    "cosine": "sine", "triangle": "triangle", "steps": "moves with rests", "file": "from a file",
+}  # fmt: skip
 _RECORDS = (".csv", ".txt", ".npz", ".h5", ".mat", ".tdms")
 _FIELD = "dense outlined"
 
@@ -178,7 +180,7 @@ class WaveformForm(RunForm):
         low, high = self._span()
         request = WaveformRequest(
             axis=forms.axis,
-            shape="triangle" if forms.shape == "triangle" else "cosine",
+            shape=forms.shape if forms.shape in ("triangle", "steps") else "cosine",
             low=low,
             high=high,
             rate_hz=float(forms.rate_hz or 0.0),

@@ -128,7 +128,7 @@ class WaveformRequest:
 
     axis: str
     """The axis."""
-    shape: Literal["cosine", "triangle"]
+    shape: Literal["cosine", "triangle", "steps"]
     """Shape of a cycle, from the low end to the high end and back."""
     low: float
     """Low end [V, or m in closed loop]."""
