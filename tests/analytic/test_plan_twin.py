@@ -284,9 +284,8 @@ def served(table):
     request = TwinRequest(
         seed=11, servo_rate=1e3, fast=True, identity="flexstage", table=str(table)
     )
-    server = GcsServer(
-        simulated_controller(design("vgtu-piezo"), request, quiet=True, scatter=False)
-    )
+    controller = simulated_controller(design("vgtu-piezo"), request, quiet=True, scatter=False)
+    server = GcsServer(controller, patience=300.0)
     server.start()
     return server
 
