@@ -82,8 +82,14 @@ def free_port():
 
 
 @POSIX
-def test_a_conversation_with_a_process(start):
+def test_a_conversation_with_a_process(start, tmp_path):
     port = free_port()
+    table = tmp_path / "table.yaml"
+    table.write_text(
+        "table: 1\nname: t\nscale: {radius: 40 mm, eccentricity: 9 um}\n"
+        "heads: {angles: [0 deg, 90 deg]}\naxis: {speed: 60 rpm}\ntolerance: {error: 1 arcsec}\n",
+        "utf-8",
+    )
     link = None
 
     def knock():
@@ -100,7 +106,7 @@ def test_a_conversation_with_a_process(start):
     client = threading.Thread(target=knock)
     client.start()
     twin = start("vgtu-piezo", "--model", "lumped", "--address", str(port), "--fast", "--seed", "4",
-                 "--identity", "flexstage", "--json")  # fmt: skip
+                 "--identity", "flexstage", "--table", str(table), "--json")  # fmt: skip
     client.join()
     # the port opens when it can answer
     with link:
@@ -109,10 +115,17 @@ def test_a_conversation_with_a_process(start):
     assert said["stage"] == "vgtu-piezo"
     assert said["address"] == f"gcs://127.0.0.1:{said['port']}"
     assert said["fast"] is True
+    assert said["channels"] == {"angle": 13, "head 1": 14, "head 2": 15}
     with socket.create_connection(("127.0.0.1", said["port"]), timeout=TIMEOUT) as link:
         assert ask(link, b"*IDN?\n").startswith("flexstage, simulated vgtu-piezo, twin-4, ")
         assert ask(link, b"IFC? IPADR\n") == f"IPADR=127.0.0.1:{port}\n"
         assert ask(link, b"CST?\n") == "1=x \n2=y\n"
+        assert ask(link, b"TSC?\n") == "15\n"
+        # a head reads the angle of the table, but for the eccentricity [urad]
+        angle, head = (
+            float(line.split("=")[1]) for line in ask(link, b"TSP? 13 14\n").split("\n")[:2]
+        )
+        assert 0.0 < abs(head - angle) < 2e3
         assert ask(link, b"SVO 1 1\nMOV 1 20\nONT? 1\nONT? 1\nONT? 1\n", b"1=1\n")
         while ask(link, b"ONT? 1\n") != "1=1\n":
             pass
@@ -179,6 +192,7 @@ def test_a_port_that_is_taken(capsys):
         (["vgtu-piezo", "--servo-rate", "1 um"], "'um' is not a unit of frequency"),
         (["vgtu-piezo", "--servo-rate", "1 Hz"], "must be from 1000 to 50000"),
         (["vgtu-piezo", "--seed", "-1"], "--seed"),
+        (["vgtu-piezo", "--table", "absent.yaml"], "absent.yaml"),
     ],
 )
 def test_bad_input_is_one_sentence(capsys, words, expected):
@@ -300,6 +314,7 @@ def test_records_are_played_in_turn_and_compared_with_their_reference(capsys, tm
         ({"u (V)": 1.0}, ("--axis", "q"), "axis 'q', which does not exist (there are: x, y)"),
         ({"u (V)": 1.0}, ("--play", "{slow}"), "one sample rate, got 1000 Hz and, of '{slow}'"),
         ({"u (V)": 1.0}, ("--out", "{drive}"), "--out {drive} is a record of --play"),
+        ({"u (V)": 1.0}, ("--table", "a.yaml"), "--table serves a table with the controller"),
     ],
 )
 def test_what_cannot_be_played_is_one_sentence(capsys, tmp_path, columns, words, sentence):

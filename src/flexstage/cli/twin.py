@@ -4,7 +4,7 @@ import contextlib
 import json
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import socket
 
     from flexstage.instruments.pi.simulated.server import GcsServer
+    from flexstage.virtual.sensors import ChannelDescription
 
 
 @from_docstring
@@ -56,6 +57,11 @@ def twin(
     incomplete = bool(play) != (out is not None) or (axis is not None and not play)
     refuse(
         incomplete, "--play and --out are used together, and --axis with them", typer.BadParameter
+    )
+    refuse(
+        bool(play) and request.table is not None,
+        "--table serves a table with the controller: omit it, or --play",
+        typer.BadParameter,
     )
     from flexstage.hysteresis.coupled_drives.model_file import is_coupled_model
 
@@ -115,13 +121,18 @@ def twin(
     with _stop_event() as stop, _reserve(host, port) as listener:
         from flexstage.instruments.pi.simulated.address import simulated_controller
         from flexstage.instruments.pi.simulated.server import GcsServer
+        from flexstage.virtual.sensors import sensor_channels
 
         controller = simulated_controller(described, request)
         server = GcsServer(controller, listener=listener)
         try:
             with _address_errors(host, port):
                 server.start()
-            _print_address(server, described.name, host, as_json=as_json, fast=request.fast)
+            device = controller.device
+            further = device.channels[len(sensor_channels(device.stage.axes)) :]
+            _print_address(
+                server, described.name, host, as_json=as_json, fast=request.fast, further=further
+            )
             stop.wait()
         finally:
             server.close()
@@ -152,7 +163,15 @@ def _address_errors(host: str, port: int) -> Iterator[None]:
         ) from error
 
 
-def _print_address(server: "GcsServer", name: str, host: str, *, as_json: bool, fast: bool) -> None:
+def _print_address(
+    server: "GcsServer",
+    name: str,
+    host: str,
+    *,
+    as_json: bool,
+    fast: bool,
+    further: "Sequence[ChannelDescription]",
+) -> None:
     address, port = server.address
     if not is_loopback(host):
         typer.echo(
@@ -163,9 +182,13 @@ def _print_address(server: "GcsServer", name: str, host: str, *, as_json: bool, 
     where = f"gcs://{bracketed}:{port}"
     if as_json:
         result = {"stage": name, "address": where, "host": address, "port": port, "fast": fast}
+        if further:
+            result["channels"] = {channel.name: channel.number for channel in further}
         line = json.dumps(result)
     else:
+        table = ", ".join(f"{channel.name} = channel {channel.number}" for channel in further)
         line = f"twin of {name} at {where} (simulated); Ctrl-C stops it"
+        line += f"; table: {table}" * bool(table)
     typer.echo(line)
     typer.get_text_stream("stdout").flush()
 

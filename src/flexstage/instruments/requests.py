@@ -80,6 +80,10 @@ class TwinRequest(Request):
     """Identifiers of its axes, such as "Z" or "X,Y" (default: 1,2,...)."""
     widths: Annotated[str, Written("FILE")] | None = None
     """Measured necks, as of tolerance: bias and scatter of those of the simulated stage."""
+    table: Annotated[str, Written("TABLE")] | None = None
+    """Description of a rotary table (YAML) that turns with the stage and its scale: its angle, and
+    the angles that its heads read, are further sensors.
+    """
 
 
 _SECONDS = {"d": 86_400.0, "h": 3600.0, "min": 60.0}

@@ -102,6 +102,8 @@ class VirtualStage(ABC):
     """Loop rate [Hz]."""
     notes: tuple[str, ...]
     """Notes on random, adjusted and neglected properties, as sentences."""
+    platform_ratio: Array | float = 1.0
+    """Motion of the platform over that of the limits of each axis [1]."""
     samples_at_once: ClassVar[int] = 50_000
     """Block size of the simulation of a record, in samples."""
 
@@ -239,6 +241,7 @@ class ScrewStage(VirtualStage):
         super().__init__(stage, {a.name: a.limits for a in axes}, conditions)
         #: The axes.
         self.parts = tuple(axes)
+        self.platform_ratio = np.array([a.ratio for a in axes])
         names = self.axes
         self._source, self._rows = error_motion_sources(
             names, {a.name: a.guide for a in axes}, {a.name: a.low for a in axes}

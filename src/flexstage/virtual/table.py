@@ -1,7 +1,7 @@
 """A virtual rotary table: axis motion, scale errors, noisy heads, and the stage on it."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, Protocol, Self
 
@@ -30,9 +30,17 @@ from flexstage.stage.assumptions import (
     SETTLING,
     VOLTAGE_RANGE,
 )
+from flexstage.system.servo import ServoSettings
 from flexstage.virtual.as_built import loop_share, platform_stroke
 from flexstage.virtual.imperfections import require_size
+from flexstage.virtual.sensors import (
+    ChannelDescription,
+    Disturbances,
+    SensorBench,
+    SimulatedSensor,
+)
 from flexstage.virtual.stack import virtual_stack
+from flexstage.virtual.stage import StageSamples, VirtualStage
 
 if TYPE_CHECKING:
     from flexstage.hysteresis import HysteresisModel
@@ -529,21 +537,9 @@ class VirtualTable:
         theta = nominal + offset
         motion = self._motion(theta, random)
         columns = [Channel(name="angle", values=nominal, unit="rad")]
-        for j, alpha in enumerate(self.heads):
-            at = alpha + (self.head_angle_errors[j] if self.head_angle_errors else 0.0)
-            out = self.head_radius_errors[j] if self.head_radius_errors else 0.0
-            d = exact_error(
-                theta,
-                self.eccentricity,
-                self.radius + out,
-                head_angle=at,
-                kind=self.kind,
-                axis_motion=motion,
-                ellipticity=(self.ellipticity, self.ellipticity_direction),
-            )
-            error = d + self.scale.at(theta + at + d) + offset
-            error = error + self.noise * random.standard_normal(count)
-            columns.append(Channel(name=f"head {j + 1}", values=error, unit="rad"))
+        for j, error in enumerate(self._errors(theta, self.eccentricity, motion), start=1):
+            noise = self.noise * random.standard_normal(count)
+            columns.append(Channel(name=f"head {j}", values=error + offset + noise, unit="rad"))
         return Record(
             channels=tuple(columns),
             time=np.arange(count, dtype=np.float64),
@@ -552,6 +548,22 @@ class VirtualTable:
             attributes={"seed": str(self.seed), "index": str(index)},
             over="point",
         )
+
+    def _errors(self, theta: Array, eccentricity: ArrayLike, motion: Array) -> Iterator[Array]:
+        """Yield the error of each head without noise [rad], shape (k,)."""
+        for j, alpha in enumerate(self.heads):
+            at = alpha + (self.head_angle_errors[j] if self.head_angle_errors else 0.0)
+            out = self.head_radius_errors[j] if self.head_radius_errors else 0.0
+            d = exact_error(
+                theta,
+                eccentricity,
+                self.radius + out,
+                head_angle=at,
+                kind=self.kind,
+                axis_motion=motion,
+                ellipticity=(self.ellipticity, self.ellipticity_direction),
+            )
+            yield d + self.scale.at(theta + at + d)
 
     def _motion(self, theta: Array, random: np.random.Generator) -> Array:
         """Return the motion of the axis [m], shape (k, 2)."""
@@ -565,6 +577,90 @@ class VirtualTable:
                 phase = random.uniform(0.0, 2.0 * np.pi, 2)
                 motion += share * np.sin(n * theta[:, np.newaxis] + phase)
         return motion
+
+
+#: Keys of the random streams of a turning table: direction of its scale, motion, noise.
+_DIRECTION, _MOTION, _NOISE = 0, 1, 2
+
+
+class StageOnTable(VirtualStage):
+    """A virtual stage with the described scale on it, on a rotary table that turns.
+
+    Its further sensors are ``angle``, that of the table, and ``head 1`` and so on, the angle that
+    each head reads; all from 0 to a turn. The platform carries the scale: its position from the
+    middle of its range is added to the eccentricity of the mounting, which has the described size
+    and a random direction.
+
+    Notes
+    -----
+    Validity: that of `VirtualTable.described`; the table turns at its highest speed from time 0,
+    without variation, and its angle is known without error.
+    """
+
+    def __init__(self, stage: VirtualStage, table: RotaryTable) -> None:
+        super().__init__(stage.stage, stage.limits, stage.conditions)
+        if len(stage.axes) != 2:
+            raise ModelError(
+                f"stage '{stage.stage.name}' must have two axes to carry the scale of a table, "
+                f"got {len(stage.axes)}"
+            )
+        self.kind, self._carrier = stage.kind, stage
+        self._speed = table.axis.speed
+        self._matrix = TableMounting(angle=table.mounting_angle).matrix
+        direction = float(self._stream(_DIRECTION).uniform(-math.pi, math.pi))
+        self._table = VirtualTable.described(table, direction=direction, seed=self.conditions.seed)
+        ends = np.array([stage.limits[axis].position or (0.0, 0.0) for axis in stage.axes])
+        #: Middle of the range of the platform [m], shape (2, 1).
+        self._middle = (ends.mean(axis=1) * stage.platform_ratio)[:, None]
+        names = ("angle", *(f"head {j}" for j in range(1, len(self._table.heads) + 1)))
+        self.channels = (
+            *self.channels,
+            *(
+                ChannelDescription(number=i, name=name, unit="rad")
+                for i, name in enumerate(names, start=len(self.channels) + 1)
+            ),
+        )
+        self._reset_heads()
+
+    def servo_settings(self, axis: str) -> ServoSettings:
+        return self._carrier.servo_settings(axis)
+
+    def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
+        self._carrier.set_servo_settings(axis, settings)
+
+    def run(
+        self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
+    ) -> StageSamples:
+        block = self._carrier.run(command, servo, feedforward)
+        size = block.time.size
+        theta = self._speed * block.time
+        carried = self._matrix @ (block.position - self._middle)
+        centre = np.array(self._table.eccentricity) + carried.T
+        motion = self._table._motion(theta, self._stream(_MOTION))
+        noise = self._noise.take(self._count, size)[1]
+        self._count += size
+        errors = np.stack(list(self._table._errors(theta, centre, motion))) + noise
+        angles = np.concatenate((theta[None], theta + errors)) % (2.0 * math.pi)
+        return replace(block, reading=np.concatenate((block.reading, angles)))
+
+    def reset(self) -> None:
+        """Relax the stage, and start the table again."""
+        self._carrier.reset()
+        self._reset_heads()
+
+    def _reset_heads(self) -> None:
+        self._count = 0
+        head = SimulatedSensor(noise_rms=self._table.noise, unit="rad")
+        bench = SensorBench(angle=head, drift_rate=0.0)
+        seed = int(self._stream(_NOISE).integers(2**63))
+        self._noise = Disturbances(
+            ["angle"] * len(self._table.heads), bench, self.sample_rate_hz, seed,
+            quiet=self.conditions.quiet,
+        )  # fmt: skip
+
+    def _stream(self, key: int) -> np.random.Generator:
+        seed = np.random.SeedSequence(self.conditions.seed, spawn_key=(10, key))
+        return np.random.default_rng(seed)
 
 
 class Carrier(Protocol):

@@ -35,11 +35,14 @@ from flexstage.files.ranges import POSITIVE, Range, Seed, require_ranges
 from flexstage.files.write import write_whole
 from flexstage.instruments.protocol import Capability, Instrument
 from flexstage.instruments.ramp import lead_to
+from flexstage.instruments.record_run import record_now
+from flexstage.instruments.recording.writer import RunWriter
 from flexstage.quantities.table import Section, table
-from flexstage.quantities.units import DIMENSIONS, Angle, Length, Time
+from flexstage.quantities.units import DIMENSIONS, Angle, Frequency, Length, Time
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
+    from flexstage.centring.from_records import CentredRecords
     from flexstage.centring.procedure import CentreReading
     from flexstage.quantities.table import Content
     from flexstage.virtual.table import VirtualTable
@@ -64,20 +67,54 @@ _UM = 1e6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedTurns:
-    """Records of the heads, one file for each position of the stage."""
+    """Records of the heads, one for each position of the stage: by the instrument, or files."""
 
-    folder: str
-    """Folder in which the files appear, as STEP-0.csv, STEP-1.csv and so on."""
+    folder: str | None = None
+    """Folder in which files appear, as STEP-0.csv, STEP-1.csv and so on (default: the instrument
+    records the columns, which are sensors of the plan).
+    """
     angle: str | None = None
     """Column of the true angle of the table."""
     error: tuple[str, ...] = ()
     """Columns of the errors of the heads, or of indicators on the rim."""
+    reading: tuple[str, ...] = ()
+    """Instead of error: columns of the angles that the heads read, wrapped at a turn or not."""
+    duration: Annotated[Time, POSITIVE] | None = None
+    """Duration of a record by the instrument, two turns or more [s]."""
+    sample_rate: Annotated[Frequency, Range(low=1e-3, high=1e7)] = 100.0
+    """Sample rate of a record by the instrument [Hz]."""
     unit: str | None = None
     """Unit of angle and errors, where the files do not state it."""
     kind: ScaleKind = "disc"
     """Kind of scale."""
     wait: Annotated[Time, POSITIVE] = 3600.0
     """Longest time to wait for a file [s]."""
+
+    def __post_init__(self) -> None:
+        if self.folder is not None:
+            return
+        if self.angle is None or bool(self.error) == bool(self.reading) or self.duration is None:
+            raise PlanError(
+                "records of centre without a folder are read from the instrument: give the sensors "
+                "of angle and of error or reading, and the duration of two turns"
+            )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns: of the angle, if there is one, and of the heads."""
+        return (*(() if self.angle is None else (self.angle,)), *self.error, *self.reading)
+
+    def request(self, heads: tuple[float, ...], radius: float | None) -> CentreRequest:
+        """Return the request for the evaluation of a record."""
+        return CentreRequest(
+            angle=self.angle,
+            error=self.error,
+            reading=self.reading,
+            unit=self.unit,
+            heads=heads,
+            radius=radius,
+            kind=self.kind,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +127,7 @@ class Centre(Verb):
     axes: tuple[str, str] = ("x", "y")
     """The two axes that carry the scale."""
     records: RecordedTurns | None = None
-    """Records of the heads; without them table and heads are simulated."""
+    """Records of the heads; without them the step simulates table and heads."""
     sensors: tuple[str, str] = ("x", "y")
     """The sensors of their positions."""
     radius: ScaleRadius | None = None
@@ -135,14 +172,25 @@ class Centre(Verb):
 
     def reads(self, before: Mapping[str, Verb]) -> tuple[str, ...]:
         del before
-        return self.sensors
+        records = self.records
+        if records is None or records.folder is not None:
+            return self.sensors
+        return (*self.sensors, *records.columns)
 
     def preview(self, context: PlanContext, name: str) -> PlannedStep:
         for axis in self.axes:
             axis_setting(context.stage, axis, closed_loop=True)
-        source = _SIMULATED if self.records is None else f"turns read from {self.records.folder}"
+        records = self.records
+        source, duration = _SIMULATED, 0.0
+        if records is not None:
+            source = f"turns read from {records.folder or ', '.join(records.columns)}"
+            if records.folder is None:
+                for sensor in (records.angle, *records.reading):
+                    if sensor is not None and context.plan.sensor(sensor).unit != "rad":
+                        raise PlanError(f"sensor '{sensor}' reads an angle: give it 'unit: rad'")
+                duration = (self.moves + 3) * (records.duration or 0.0)
         what = f"up to {self.moves + 2} moves of {', '.join(self.axes)}; {source}"
-        return PlannedStep(name=name, verb=self.verb, what=what)
+        return PlannedStep(name=name, verb=self.verb, what=what, duration=duration)
 
     def table(self) -> "VirtualTable":
         """Return the simulated table, whose scale has no graduation errors."""
@@ -161,8 +209,13 @@ class Centre(Verb):
         from flexstage.experiments.command import move_to_rest
         from flexstage.virtual.table import VirtualBench
 
-        # files of an earlier run are refused before anything moves
-        measure = None if self.records is None else self._measure(name, self.records)
+        turns: list[Path] = []
+        measure = None
+        # files of an earlier run, and sensors that cannot be recorded, are refused before any move
+        if self.records is not None and self.records.folder is not None:
+            measure = self._measure_files(name, Path(self.records.folder), self.records)
+        elif self.records is not None:
+            measure = self._measure_sensors(context, name, self.records, turns)
         move_to_rest(context.instrument, self.axes)
         first, second = (context.plan.sensor(s).channel for s in self.sensors)
         positioner = InstrumentPositioner(
@@ -205,36 +258,52 @@ class Centre(Verb):
         target = context.folder / "records" / f"{name}.json"
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, json.dumps(asdict(result), indent=1) + "\n")
-        return [target]
+        return [target, *turns]
 
-    def _measure(self, name: str, records: RecordedTurns) -> Callable[[], "CentreReading"]:
-        """Return the function that waits for the next record and returns its eccentricity."""
+    def _measure_files(
+        self, name: str, folder: Path, records: RecordedTurns
+    ) -> Callable[[], "CentreReading"]:
+        """Return the function that waits for the next file and returns its eccentricity."""
         from flexstage.centring.from_records import centre_files
-        from flexstage.centring.procedure import centre_reading
 
-        earlier = sorted(Path(records.folder).glob(f"{name}-*.csv"))
+        earlier = sorted(folder.glob(f"{name}-*.csv"))
         if earlier:
             raise PlanError(
                 f"{earlier[0]} is of an earlier run: move the files of step '{name}' out of "
                 f"{records.folder}"
             )
-        request = CentreRequest(
-            angle=records.angle,
-            error=records.error,
-            unit=records.unit,
-            heads=self.heads,
-            radius=self.radius,
-            kind=records.kind,
-        )
+        request = records.request(self.heads, self.radius)
         numbers = count()
 
         def measure() -> "CentreReading":
-            file = Path(records.folder) / f"{name}-{next(numbers)}.csv"
+            file = folder / f"{name}-{next(numbers)}.csv"
             _await(file, records.wait)
-            (setup,) = centre_files([file], request).setups
-            if setup.centre is None:
-                raise PlanError(f"{file} shows no eccentricity: {'; '.join(setup.notes)}")
-            return centre_reading(setup.centre)
+            return _eccentricity(centre_files([file], request), file)
+
+        return measure
+
+    def _measure_sensors(
+        self, context: RunContext, name: str, records: RecordedTurns, files: list[Path]
+    ) -> Callable[[], "CentreReading"]:
+        """Return the function that records turns, adds the file, and returns the eccentricity."""
+        from flexstage.centring.from_records import centre_records
+
+        request = records.request(self.heads, self.radius)
+        signals = [context.signal(sensor) for sensor in records.columns]
+        duration = records.duration or 0.0
+        samples = max(round(duration * records.sample_rate), 2)
+        rate = context.instrument.recorder.configure(signals, records.sample_rate, samples)
+        samples = max(round(duration * rate), 2)
+        numbers = count()
+
+        def measure() -> "CentreReading":
+            stream = context.folder / "records" / f"{name}.turn-{next(numbers)}.stream"
+            about = context.metadata(name, "turn", "".join(self.axes))
+            with RunWriter(stream, [(s.name, s.unit) for s in signals], rate, about) as writer:
+                record = record_now(context.instrument, signals, rate, samples, writer)
+            files.append(stream.with_suffix(".h5"))
+            _require_turn(record.channels[0].values, records)
+            return _eccentricity(centre_records([record], request), files[-1])
 
         return measure
 
@@ -327,6 +396,25 @@ class CentredStep(StepResult):
         return (
             f"{self.name}{source}: eccentricity {_UM * first:.2f} um reduced to "
             f"{_UM * last:.3f} um: {self.reason}"
+        )
+
+
+def _eccentricity(centred: "CentredRecords", file: Path) -> "CentreReading":
+    from flexstage.centring.procedure import centre_reading
+
+    (setup,) = centred.setups
+    if setup.centre is None:
+        raise PlanError(f"{file} shows no eccentricity: {'; '.join(setup.notes)}")
+    return centre_reading(setup.centre)
+
+
+def _require_turn(angle: Array, records: RecordedTurns) -> None:
+    """Refuse a record in which the table stands still, or turns less than once."""
+    turns = float(np.ptp(np.unwrap(angle))) / (2.0 * math.pi)
+    if turns < 1.0:
+        raise PlanError(
+            f"the table turned {turns:.3f} times by '{records.angle}' in {records.duration:g} s, "
+            "and a record needs a turn or more: let it turn, or increase the duration"
         )
 
 

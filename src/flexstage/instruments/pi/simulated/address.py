@@ -42,8 +42,9 @@ from flexstage.stage import Stage
 from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.neck_widths import measured_necks
+from flexstage.virtual.stage import VirtualStage
 
-_OPTIONS = ("seed", "model", "servo_rate", "amplifier", "fast", "scatter", "quiet")
+_OPTIONS = ("seed", "model", "servo_rate", "amplifier", "fast", "scatter", "quiet", "table")
 #: Line limit of a simulated controller, longer than that of a real one.
 _LONG_LINES = 16384
 _LONGEST_WAIT = 60.0
@@ -70,7 +71,7 @@ def open_twin(
     silence = longest_silence(timeout, _LONGEST_WAIT)
     request = TwinRequest(
         seed=whole_number(options, "seed", 0, address),
-        **_request_options(options, ("model", "servo_rate", "amplifier"), address),
+        **_request_options(options, ("model", "servo_rate", "amplifier", "table"), address),
         fast=flag(options, "fast", True, address),
         identity="flexstage",
     )
@@ -105,7 +106,7 @@ def simulated_controller(
 ) -> Interpreter:
     """Return the requested controller; its time does not pass until its pace is started."""
     _require_names(request.axes, len(stage.axes))
-    stage_in_time = virtual_stage(
+    stage_in_time: VirtualStage = virtual_stage(
         stage,
         model=request.model,
         seed=request.seed,
@@ -115,6 +116,11 @@ def simulated_controller(
         scatter=scatter,
         widths=measured_necks(request.widths, stage),
     )
+    if request.table is not None:
+        from flexstage.centring.table_file import read_table
+        from flexstage.virtual.table import StageOnTable
+
+        stage_in_time = StageOnTable(stage_in_time, read_table(request.table))
     identity = request.identity or ("C-884" if stage_in_time.kind == "screw" else "E-727")
     serial_number = f"twin-{request.seed}"
     device = VirtualController(stage_in_time, serial_number=serial_number, names=request.axes)
