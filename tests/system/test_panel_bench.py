@@ -193,6 +193,12 @@ def test_a_waveform_is_run_as_it_was_checked_and_kept(
     # what was recorded may be run again
     again = waveform_from(made.device, found.file, "x", 1)
     assert again.duration == pytest.approx(command.duration, rel=1e-3)
+    moves = build_waveform(
+        made.device, STAGE, WaveformRequest(**_plain(TWO_HZ) | {"shape": "steps"})
+    )
+    # at rest but for a tenth of each half period
+    resting = np.isclose(moves.values["x"], 13.0) | np.isclose(moves.values["x"], 71.0)
+    assert resting.mean() == pytest.approx(0.9, abs=0.02)
     for wrong, told in (
         ({"high": 121.0}, "cannot be sent to 121 V"),
         ({"low": 80.0}, "low end of a waveform must be below its high end"),

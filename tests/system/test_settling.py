@@ -8,6 +8,7 @@ twin sample by sample: 0.2 ms in open loop (ZV, ZVD, jerk-limited, minimum time)
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,9 @@ from flexstage.cli import main
 from flexstage.hysteresis.requests import SettleRequest
 from flexstage.records.read import read_record
 from flexstage.stage.designs import design
-from flexstage.studies.settling import _fitted_modes, move_plant, settle
+from flexstage.stage.seat import BallSeat, Preload
+from flexstage.studies.settling import _fitted_modes, _preload_acceleration, move_plant, settle
+from flexstage.system import modes
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.piezo_loop import sampled_response
 from flexstage.virtual.piezo_stage import PiezoStage
@@ -140,6 +143,24 @@ def test_the_plant_is_that_of_the_simulated_loop_up_to_its_mode() -> None:
     other = other * np.exp(-2j * np.pi * f / twin.sample_rate_hz)
     # 0.2 degrees, a delay of a tenth of a microsecond at 900 Hz
     assert np.max(np.abs(plant.response(f) / other - 1.0)) < 3e-3
+
+
+def test_a_preload_limits_the_acceleration_by_the_force_of_the_first_mode() -> None:
+    stage = design("vgtu-piezo")
+    seat, preload = BallSeat(radius=5e-3, contact_modulus=110e9), Preload(force=300.0)
+    drives = tuple(replace(d, seats=(seat,), preload=preload) for d in stage.drives)
+    stage = replace(stage, drives=drives)
+    twin = virtual_stage(stage, model="lumped", quiet=True, scatter=False)
+    assert isinstance(twin, PiezoStage)
+    # force over acceleration of the probe from the shape of the mode itself, of unit modal mass
+    system = twin.model.system
+    found = modes(system, drives="in place", count=None)
+    at_probe = system.probe(twin.parts[0].probe).vector @ found.shapes
+    at_drive = system.drive("x").vector @ found.shapes
+    first = int(np.argmax(np.abs(at_probe * at_drive) / found.omega**2))
+    expected = 300.0 * abs(at_probe[first] * at_drive[first])
+    assert _preload_acceleration(stage, twin, "x") == pytest.approx(expected, rel=1e-9)
+    assert _preload_acceleration(design("vgtu-piezo"), twin, "x") == math.inf
 
 
 @pytest.mark.parametrize(

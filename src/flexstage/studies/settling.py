@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -223,7 +223,7 @@ def settle(stage: Stage, request: SettleRequest, axis: str | None = None) -> Set
         tolerance=bench.tolerance,
         start=bench.start,
         moves=moves,
-        notes=bench.notes(),
+        notes=bench.notes(moves),
     )
 
 
@@ -461,7 +461,7 @@ class _Bench:
         part = twin.parts[self.number]
         return twin.model.static_gain(part.drive, part.probe)
 
-    def notes(self) -> tuple[str, ...]:
+    def notes(self, moves: Sequence[SettledMove]) -> tuple[str, ...]:
         """Return limits and assumptions as sentences."""
         settings, worst, tolerance = self.control.settings, self.control.worst, self.tolerance
         filters = [f"notch at {n.frequency_hz:.4g} Hz" for n in settings.notches]
@@ -485,6 +485,15 @@ class _Bench:
                 f"open loop is without creep, which moves the stage by {1e9 * drift[last]:.3g} nm "
                 f"within {1e3 * (last + 1) / self.plant.sample_rate_hz:.3g} ms; under control it "
                 "is included"
+            )
+        # the slope of the hysteresis is smaller after a reversal than its mean
+        times = [(m.kind, m.open_loop) for m in moves if m.open_loop is not None]
+        steep = [kind for kind, t in times if t.voltage_rate > 1.02 * self.limits.slew]
+        if steep:
+            notes.append(
+                f"{', '.join(steep)}: the inverse of the hysteresis needs a steeper voltage than "
+                "the limit, and the simulated amplifier may have limited it: give a smaller slew "
+                "by --amplifier"
             )
         return tuple(notes)
 
@@ -589,12 +598,8 @@ def _preload_acceleration(stage: Stage, twin: PiezoStage, axis: str) -> float:
     if drive.preload is None or not isinstance(drive, PiezoStack) or drive.pulls:
         return math.inf
     part = twin.parts[twin.axes.index(axis)]
-    weights = (
-        twin.model.drive(part.drive).modal_gain
-        * twin.model.probe_shapes[twin.model.row(part.probe)]
-    )
-    first = int(np.argmax(np.abs(weights)))
-    stiffness = twin.model.drive(part.drive).stiffness or drive.stiffness
-    return (
-        float(abs(drive.preload.force * twin.model.omega[first] ** 2 * weights[first])) / stiffness
-    )
+    moved, row = twin.model.drive(part.drive), twin.model.row(part.probe)
+    weights = np.abs(moved.modal_gain * twin.model.probe_shapes[row])
+    first = int(np.argmax(weights))
+    mass = (moved.stiffness or drive.stiffness) / (weights[first] * twin.model.omega[first] ** 2)
+    return drive.preload.force / float(mass)
