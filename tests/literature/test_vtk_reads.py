@@ -28,8 +28,15 @@ from flexstage.stage import Body, Hinge, Loop, Stage, mass_properties
 from flexstage.stage.designs import design
 from flexstage.system import Analysis, analyse
 
-vtk = pytest.importorskip("vtk", exc_type=ImportError)
-support = pytest.importorskip("vtk.util.numpy_support", exc_type=ImportError)
+
+def part(name: str) -> Any:
+    """A part of the library, which loads a hundred where it is imported whole."""
+    return pytest.importorskip(f"vtkmodules.{name}", exc_type=ImportError)
+
+
+core, xml, filters = part("vtkCommonCore"), part("vtkIOXML"), part("vtkFiltersCore")
+surfaces, verdict = part("vtkFiltersGeometry"), part("vtkFiltersVerdict")
+support = part("util.numpy_support")
 
 PIEZO = design("vgtu-piezo")
 SMALL = design("parallelogram")
@@ -39,12 +46,12 @@ Files = dict[str, bytes]
 @contextmanager
 def quiet() -> Iterator[None]:
     """Let no message of the toolkit pass."""
-    heard, before = vtk.vtkStringOutputWindow(), vtk.vtkOutputWindow.GetInstance()
-    vtk.vtkOutputWindow.SetInstance(heard)
+    heard, before = core.vtkStringOutputWindow(), core.vtkOutputWindow.GetInstance()
+    core.vtkOutputWindow.SetInstance(heard)
     try:
         yield
     finally:
-        vtk.vtkOutputWindow.SetInstance(before)
+        core.vtkOutputWindow.SetInstance(before)
     assert heard.GetOutput() == ""
 
 
@@ -52,7 +59,7 @@ def read(content: bytes, folder: Path) -> Any:
     """Read a grid by the toolkit's own reader."""
     path = folder / "grid.vtu"
     path.write_bytes(content)
-    reader = vtk.vtkXMLUnstructuredGridReader()
+    reader = xml.vtkXMLUnstructuredGridReader()
     with quiet():
         assert reader.CanReadFile(str(path))
         reader.SetFileName(str(path))
@@ -75,7 +82,7 @@ def points(grid: Any) -> NDArray[np.float64]:
 
 def volume(grid: Any, of: str = "Volume") -> NDArray[np.float64]:
     """Signed sizes of the cells."""
-    sizes = vtk.vtkCellSizeFilter()
+    sizes = verdict.vtkCellSizeFilter()
     sizes.SetInputData(grid)
     with quiet():
         sizes.Update()
@@ -111,7 +118,7 @@ def test_every_file_of_rigid_bodies_is_read_with_its_fields(tmp_path: Path) -> N
         wanted = {"region", "body"} | ({"hinge_stress"} if name.startswith("static") else set())
         assert names(grid.GetCellData()) == wanted
         assert array(grid.GetPointData(), "displacement").shape[1] == 3
-    label = vtk.vtkDataArray.UNITS_LABEL()
+    label = core.vtkDataArray.UNITS_LABEL()
     moved = first.GetPointData().GetArray("displacement").GetInformation()
     stress = first.GetCellData().GetArray("hinge_stress").GetInformation()
     assert (moved.Get(label), stress.Get(label)) == ("m", "Pa")
@@ -141,7 +148,7 @@ def test_rigid_bodies_fill_the_volume_of_the_description(tmp_path: Path) -> None
 
 def rigid(grid: Any, x: float, y: float, region: int) -> NDArray[np.float64]:
     """Displacement at a point that moves with the corners of a region."""
-    kept = vtk.vtkThreshold()
+    kept = filters.vtkThreshold()
     kept.SetInputData(grid)
     kept.SetInputArrayToProcess(0, 0, 0, 1, "region")
     kept.SetLowerThreshold(region)
@@ -243,18 +250,18 @@ def test_every_region_is_closed_and_whole(tmp_path: Path) -> None:
     regions = array(grid.GetCellData(), "region")
     sizes = volume(grid)
     for region in (0, 3, 7, 25, 40):
-        kept = vtk.vtkThreshold()
+        kept = filters.vtkThreshold()
         kept.SetInputData(grid)
         kept.SetInputArrayToProcess(0, 0, 0, 1, "region")
         kept.SetLowerThreshold(region)
         kept.SetUpperThreshold(region)
-        surface = vtk.vtkDataSetSurfaceFilter()
+        surface = surfaces.vtkDataSetSurfaceFilter()
         surface.SetInputConnection(kept.GetOutputPort())
-        edges = vtk.vtkFeatureEdges()
+        edges = filters.vtkFeatureEdges()
         edges.SetInputConnection(surface.GetOutputPort())
         edges.FeatureEdgesOff()
         edges.ManifoldEdgesOff()
-        mass = vtk.vtkMassProperties()
+        mass = filters.vtkMassProperties()
         mass.SetInputConnection(surface.GetOutputPort())
         with quiet():
             edges.Update()
