@@ -216,8 +216,8 @@ def test_stage_against_integration() -> None:
     assert np.abs(TWO.simulate(x, dt).values - exact).max() < 1e-9
 
 
-@pytest.mark.parametrize("w", [3e-4, 0.009, 0.21, 2.99, 3.01, 63.0])
-@pytest.mark.parametrize("zeta", [0.0, 0.013, 0.8, 0.9995, 1.0, 1.7])
+@pytest.mark.parametrize("w", [3e-4, 0.21, 2.99, 3.01, 63.0])
+@pytest.mark.parametrize("zeta", [0.0, 0.013, 0.9995, 1.0, 1.7])
 def test_step_of_a_mode_against_40_digits(w: float, zeta: float) -> None:
     found = unit_step(np.array([w]), np.array([zeta]))
     orders = found.moments.shape[0] - 1

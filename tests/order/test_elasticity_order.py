@@ -66,7 +66,7 @@ def traction(part, boundary, stress):
     )
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("order", [1, 2, 4])
 @pytest.mark.parametrize("kind", ["triangles", "plane strain", "tetrahedra", "prisms"])
 def test_a_linear_field_is_held_exactly(kind, order):
     # nothing moves on x = 0, so that a strain of all components that allows it is left
@@ -129,8 +129,10 @@ def error_energy(part, u, first, scale, exact):
 COUNTS = {1: (8, 16, 32), 2: (6, 12, 24), 3: (4, 8, 16), 4: (3, 6, 12), 5: (2, 4, 8)}
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
-@pytest.mark.parametrize("strain", ["", ".*"])
+# plane strain is another material to the elements, whatever their order
+@pytest.mark.parametrize(
+    ("order", "strain"), [*((order, "") for order in (1, 2, 3, 4, 5)), (2, ".*"), (4, ".*")]
+)
 def test_displacement_converges_with_order_plus_one_and_energy_with_twice_the_order(order, strain):
     x, y = ng.x / METRE, ng.y / METRE
     kx, ky, shift = 2.3 / LONG, 1.7 / HIGH, 0.4
