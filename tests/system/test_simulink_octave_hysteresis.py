@@ -81,13 +81,13 @@ MODELS: dict[str, HysteresisModel] = {
 
 def voltages() -> np.ndarray:
     """Loops within loops, with jumps over the whole range, rests and steps of rounding."""
-    t = np.arange(170)
+    t = np.arange(100)
     u = 60.0 + 55.0 * np.sin(2.0 * np.pi * t / 97.0) * np.cos(2.0 * np.pi * t / 311.0 + 0.3)
     u += 4.0 * np.random.default_rng(5).normal(size=t.size)
     u[50] = u[49]
-    u[100:105] = 57.0
-    u[105] = np.nextafter(57.0, 58.0)
-    u[150:160:2], u[151:160:2] = -18.0, 131.0
+    u[70:75] = 57.0
+    u[75] = np.nextafter(57.0, 58.0)
+    u[85:95:2], u[86:95:2] = -18.0, 131.0
     return u
 
 
