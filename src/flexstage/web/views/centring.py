@@ -11,6 +11,8 @@ from nicegui import ui
 
 from flexstage.centring import ARCSEC
 from flexstage.centring.requests import CertificateRequest
+from flexstage.centring.table_file import TABLE_FILE
+from flexstage.files.nodes import read_text
 from flexstage.files.schema import field_texts
 from flexstage.files.write import write_whole
 from flexstage.quantities.quantity import number, value_and_uncertainty
@@ -213,7 +215,7 @@ class CentringView:
         self._page, self._bench = page, bench_of(page)
         self._state = page.session.state(CentringState)
         self._folder = page.panel.folder(f"centring/{page.session.id}")
-        if not self._state.turns:
+        if not self._state.turns and "turn" not in self._state.jobs:
             self._state.begin(self._state.source, stage_position(self._bench))
         if (limits := limits_of(self._bench)) is not None:
             self._state.limits, self._state.noise = limits, noise_of(self._bench)
@@ -227,11 +229,18 @@ class CentringView:
         ):
             for name, (label, icon) in _STEPS.items():
                 ui.tab(name, label, icon=icon)
-        steps = ui.tab_panels(self._steps, value=self._state.step, animated=False).classes("step")
-        with steps.classes("centring"):
-            for name in _STEPS:
+        steps = (
+            self._build_table,
+            self._build_stage,
+            self._build_records,
+            self._build_moves,
+            self._build_certificate,
+        )
+        panels = ui.tab_panels(self._steps, value=self._state.step, animated=False)
+        with panels.classes("step centring"):
+            for name, build_step in zip(_STEPS, steps, strict=True):
                 with ui.tab_panel(name):
-                    getattr(self, f"_build_{name}")()
+                    build_step()
         page, jobs = self._page, self._state.jobs
         again = self._show_turns
         self._study = Task(
@@ -278,7 +287,7 @@ class CentringView:
             self._budget = panel()
 
     def _open_table(self, path: Path) -> None:
-        self._text.value = path.read_text("utf-8")
+        self._text.value = read_text(path, TABLE_FILE.noun, TABLE_FILE.error)
 
     def _save_table(self) -> None:
         ui.download.content(self._state.table_text.encode(), "table.yaml")
