@@ -58,7 +58,7 @@ class CentringState:
     position: tuple[float, float] = (0.0, 0.0)
     """Stage position for the next turn, x and y [m]."""
     turned_at: tuple[float, float] = (0.0, 0.0)
-    """Stage position of the turn of the simulated table that goes on [m]."""
+    """Stage position of the present turn of the simulated table [m]."""
     limits: tuple[tuple[float, float], tuple[float, float]] = ((-_FAR, _FAR), (-_FAR, _FAR))
     """Travel of the axes of the stage [m]."""
     noise: tuple[float, float] = (0.0, 0.0)
