@@ -188,6 +188,12 @@ def _need_data(need: Need) -> dict[str, Any]:
     }
 
 
+def planar_designs() -> list[str]:
+    """Return the built-in designs that move along x and y."""
+    axes = {name: {axis.name for axis in design(name).axes} for name in sorted(DESIGNS)}
+    return [name for name, moved in axes.items() if moved >= _PLANAR]
+
+
 def study_scale(table: RotaryTable, request: ScaleRequest) -> ScaleStudy:
     """Return the error budget of a table, the needs of its stage, and the stages judged by them.
 
@@ -215,11 +221,7 @@ def study_scale(table: RotaryTable, request: ScaleRequest) -> ScaleStudy:
     which probes read the body that carries the scale, and forces of rotation act on that body.
     """
     allowed = allowed_eccentricity(table)
-    stages = [find_stage(name) for name in request.stage] or [
-        stage
-        for stage in map(design, sorted(DESIGNS))
-        if {axis.name for axis in stage.axes} >= _PLANAR
-    ]
+    stages = [find_stage(name) for name in request.stage or planar_designs()]
 
     def judged(stage: Stage) -> JudgedStage:
         try:

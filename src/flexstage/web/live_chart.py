@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.responses import Response
 
-#: Kinds of live charts.
-MODES = ("time", "loop", "spectrum")
+#: Kinds of live charts, and those that show samples only.
+MODES = ("time", "loop", "polar", "spectrum")
+_OF_SAMPLES = ("loop", "polar")
 
 #: Address of the data of histories.
 PATH = "/live/"
@@ -77,9 +78,9 @@ def encode_window(history: LiveHistory, query: "Mapping[str, str]") -> bytes:
     1 if points have maxima as well as minima, time of the first sample), the newest value of each
     channel and the times of the points, all in 8 bytes; then the minima and maxima in 4 bytes.
 
-    `query` has the `mode` (`time`; `loop` for samples only; `spectrum` with frequencies in place of
-    times), the `length` [s] and, unless it follows the newest sample, the `end`; and `generation`,
-    `tier` and `after` of the points that the page has already.
+    `query` has the `mode` (`time`; `loop` and `polar` for samples only; `spectrum` with frequencies
+    in place of times), the `length` [s] and, unless it follows the newest sample, the `end`; and
+    `generation`, `tier` and `after` of the points that the page has already.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def encode_window(history: LiveHistory, query: "Mapping[str, str]") -> bytes:
     if mode == "spectrum":
         window = spectrum(history, end - length, end)
     else:
-        window = _window(history, end - length, end, mode == "loop", known)
+        window = _window(history, end - length, end, mode in _OF_SAMPLES, known)
     has_maxima = window.high is not window.low
     origin, newest = span or (math.nan, math.nan)
     window_numbers = (end - length, end, window.times.size, has_maxima, origin)
@@ -116,13 +117,13 @@ def encode_window(history: LiveHistory, query: "Mapping[str, str]") -> bytes:
 
 
 def _window(
-    history: LiveHistory, begin: float, end: float, loop: bool, known: tuple[int, float] | None
+    history: LiveHistory, begin: float, end: float, samples: bool, known: tuple[int, float] | None
 ) -> HistoryWindow:
-    if not loop:
+    if not samples:
         return history.window(begin, end, POINTS, known=known)
-    samples = history.samples(begin, end, POINTS)
-    if known is None or known[0] != samples.tier:
-        return samples
+    window = history.samples(begin, end, POINTS)
+    if known is None or known[0] != window.tier:
+        return window
     return history.samples(begin, end, POINTS, after=known[1])
 
 
@@ -182,7 +183,7 @@ class ChartViews(dict[tuple[str, ...], dict[str, Any]]):
 class LiveChart(
     Element, component=_STATIC / "live_chart.js", dependencies=[_STATIC / "live_drawing.js"]
 ):
-    """A chart of a history: over time, one channel over another, or spectra.
+    """A chart of a history: over time or an angle, one channel over another, or spectra.
 
     Parameters
     ----------
@@ -195,6 +196,8 @@ class LiveChart(
     loop
         Initial loop, by the names of its channels x and y. By default the chart begins over time;
         its loop is that of the first voltage and the first other channel.
+    angle
+        Channel of an angle [rad]: the chart begins as a polar plot of the other channels over it.
     """
 
     def __init__(
@@ -204,6 +207,7 @@ class LiveChart(
         *,
         alt_text: str = "Live chart",
         loop: tuple[str, str] | None = None,
+        angle: str | None = None,
     ) -> None:
         super().__init__()
         # the route serves a history as long as it is referenced
@@ -216,7 +220,9 @@ class LiveChart(
         self.props["channels"] = [_channel_data(page, channel) for channel in history.channels]
         self.props["rate"], self.props["seconds"] = history.rate_hz, history.seconds
         self.props["windows"], self.props["caption"] = list(WINDOWS), alt_text
-        self.props["begins"] = "loop" if loop else "time"
+        self.props["begins"] = "polar" if angle else "loop" if loop else "time"
+        names = [channel.name for channel in history.channels]
+        self.props["angle"] = names.index(angle) if angle else -1
         self.props["pair"] = _pair(history, loop)
         self.props["view"] = self._views.get(self._key, {})
         self.on("view", self._keep)

@@ -318,11 +318,14 @@ class Task:
         if (previous := self._jobs.pop(self._key, None)) is not None:
             previous.cancel()
 
-    def start(self, name: str, function: Callable[..., Any], *arguments: Any) -> None:
-        """Start the job in place of a running one."""
+    def start(
+        self, name: str, function: Callable[..., Any], *arguments: Any, in_thread: bool = False
+    ) -> None:
+        """Start the job in place of a running one, in a process or in a thread of the panel."""
         self.stop()
-        owner = self._page.session.id
-        self._jobs[self._key] = self._page.panel.jobs.start(name, function, *arguments, owner=owner)
+        jobs = self._page.panel.jobs
+        start = jobs.start_thread if in_thread else jobs.start
+        self._jobs[self._key] = start(name, function, *arguments, owner=self._page.session.id)
         self.attach()
 
     def attach(self) -> None:

@@ -1,23 +1,21 @@
-"""State of the view Centring in one browser: turns, stage positions, and the next step."""
+"""State of the view Centring in one browser: table, stage, turns, and the next move."""
 
-import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from flexstage.base.errors import FlexstageError
 from flexstage.centring.calibration_moves import calibration_length, calibration_position
-from flexstage.centring.requests import MAGNET, CentreRequest
+from flexstage.centring.requests import MAGNET, CalibrateRequest, CentreRequest
+from flexstage.centring.table_file import RotaryTable, table_from_text
+from flexstage.files.write import write_whole
 from flexstage.records.contents import LikelyTurn
-from flexstage.web.centring.work import (
-    EXAMPLE_HEADS,
-    EXAMPLE_RADIUS,
-    CentreFiles,
-    CentringResult,
-)
+from flexstage.web.centring.work import EXAMPLE, CentreFiles, CentringResult, StudiedTable
 from flexstage.web.jobs import BackgroundJob
+from flexstage.web.live_history import LiveHistory
+from flexstage.web.reports import WrittenReport
 
-Source = Literal["records", "gauge", "example"]
+Source = Literal["simulated", "records", "magnet", "gauge"]
 _FAR = 1.0  # limit of a stage with unknown travel [m]
 
 
@@ -37,32 +35,54 @@ class MeasuredTurn:
 class CentringState:
     """State of the view Centring in one browser."""
 
-    source: Source = "records"
+    step: str = "table"
+    """The open step."""
+    table_text: str = EXAMPLE
+    """Description of the table, as it is in the page."""
+    table: RotaryTable = field(default_factory=lambda: table_from_text(EXAMPLE))
+    """The last valid description."""
+    table_file: Path | None = None
+    """File of that description."""
+    own_stages: tuple[str, ...] = ()
+    """Stage files that are judged with the built-in designs."""
+    studied: StudiedTable | None = None
+    """What the scale needs, and the judged stages; None until it is known."""
+    stage: str = "vgtu-mechanical"
+    """The chosen stage, a built-in design or a file."""
+    by_trial: bool = False
+    """Find direction, sense and gain of the stage by trial moves."""
+    source: Source = "simulated"
     """Source of the records."""
     turns: list[MeasuredTurn] = field(default_factory=list)
     """The measured turns, in sequence."""
     position: tuple[float, float] = (0.0, 0.0)
     """Stage position for the next turn, x and y [m]."""
+    turned_at: tuple[float, float] = (0.0, 0.0)
+    """Stage position of the present turn of the simulated table [m]."""
     limits: tuple[tuple[float, float], tuple[float, float]] = ((-_FAR, _FAR), (-_FAR, _FAR))
     """Travel of the axes of the stage [m]."""
     noise: tuple[float, float] = (0.0, 0.0)
     """Noise of the position sensors, three standard deviations [m]."""
+    history: LiveHistory | None = None
+    """Readings of the last turn of the simulated table."""
     result: CentringResult | None = None
     """Evaluation of the turns."""
     columns: tuple[str, ...] = ()
     """Columns of the first record."""
-    request: CentreRequest = field(
-        default_factory=lambda: CentreRequest(angle="angle", radius=50e-3, kind="disc")
-    )
-    """The request, without stage positions."""
+    request: CentreRequest = field(default_factory=CentreRequest)
+    """Columns and units of the records."""
     gauge_text: str = ""
     """Text of the readings of a gauge."""
     gauge_unit: str = "µm"
     """Unit of the readings."""
+    method: CalibrateRequest = field(default_factory=lambda: CalibrateRequest(method="self"))
+    """Method of the calibration, without columns."""
+    stated: dict[str, str] = field(default_factory=dict)
+    """Entered statements of the certificate."""
+    certified: WrittenReport | None = None
+    """The last certificate."""
     errors: dict[str, FlexstageError] = field(default_factory=dict)
     """Errors of the fields whose text in the form is invalid."""
-    radius: float | None = None
-    """Radius of the last scale while a magnet, which has none, is selected [m]."""
     jobs: dict[str, BackgroundJob] = field(default_factory=dict)
     """Jobs whose result no page has taken."""
 
@@ -72,9 +92,62 @@ class CentringState:
         return self.turns[0].position if self.turns else self.position
 
     @property
-    def step(self) -> int:
-        """Next step of the procedure: 1 measure, 2 trial moves, 3 move and 4 verify."""
-        return (1, 2, 2)[len(self.turns)] if len(self.turns) < 3 else 3
+    def needs_trial(self) -> bool:
+        """Moves are found by trial moves: a magnet allows no other way."""
+        return self.by_trial or self.source == "magnet"
+
+    @property
+    def next_kind(self) -> Literal["start", "trial", "move"]:
+        """Move before the next turn."""
+        if not self.turns:
+            return "start"
+        return "trial" if self.needs_trial and len(self.turns) < 3 else "move"
+
+    @property
+    def evaluation(self) -> CentreFiles:
+        """Records and request of the evaluation, by the description of the table."""
+        table, request = self.table, self.request
+        if self.source == "magnet":
+            request = replace(request, kind=MAGNET, heads=table.heads.angles)
+        elif self.source == "gauge":
+            request = replace(
+                request,
+                radius=table.scale.radius,
+                kind=table.scale.kind,
+                mounting_angle=table.mounting_angle,
+            )
+        else:
+            request = replace(request, table=str(self.table_file))
+        if self.needs_trial and len(self.turns) > 2:  # enough to calibrate the axes
+            request = replace(request, stage_at=tuple(each.position for each in self.turns))
+        is_move = self.next_kind == "move"
+        return CentreFiles(
+            files=tuple(each.file for each in self.turns),
+            request=request,
+            stage=self.stage if is_move else None,
+        )
+
+    @property
+    def calibration(self) -> CalibrateRequest:
+        """The request of a calibration by the last record."""
+        request = self.request
+        mirror = -1.0 if request.head_direction == "cw" else 1.0
+        return replace(
+            self.method,
+            error=request.error,
+            reading=request.reading,
+            angle=request.angle,
+            unit=request.unit,
+            heads=tuple(mirror * angle for angle in self.table.heads.angles),
+        )
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What the certificate states."""
+        prefix = "simulated " if self.source == "simulated" else ""
+        names = ("item", "standard", "traceability", "conditions", "laboratory")
+        usual = dict.fromkeys(names, "") | {"item": f"{prefix}scale of {self.table.name}"}
+        return usual | self.stated
 
     @property
     def column_kind(self) -> Literal["error", "reading"]:
@@ -82,38 +155,27 @@ class CentringState:
         return "reading" if self.request.reading else "error"
 
     @property
-    def evaluation(self) -> CentreFiles:
-        """Records and request of the evaluation."""
-        request = self.request
-        if len(self.turns) > 2:  # enough to calibrate the axes
-            request = replace(request, stage_at=tuple(each.position for each in self.turns))
-        return CentreFiles(files=tuple(each.file for each in self.turns), request=request)
-
-    @property
-    def next_kind(self) -> Literal["start", "trial", "move"]:
-        """Move before the next turn."""
-        return "start" if self.step == 1 else "trial" if self.step == 2 else "move"
-
-    @property
     def up_to_date(self) -> bool:
         """The evaluation includes all turns."""
         return self.result is not None and self.result.evaluation == self.evaluation
 
-    def ask(self, **fields: Any) -> None:
-        """Change fields of the request.
+    def use_table(self, text: str, folder: Path) -> None:
+        """Use another description of the table, and write it to a file.
 
         Raises
         ------
-        FlexstageError
-            The fields are inconsistent.
+        ModelError
+            The description is invalid; the last one remains.
         """
-        kind = fields.get("kind", self.request.kind)
-        if kind == MAGNET and self.request.radius is not None:
-            self.radius = self.request.radius
-            fields["radius"] = None  # a magnet has no radius
-        elif kind != MAGNET and self.request.kind == MAGNET:
-            fields.setdefault("radius", self.radius)
-        self.request = replace(self.request, **fields)
+        self.table_text = text
+        table = table_from_text(text, "table.yaml")
+        is_new = self.table_file is None or table != self.table
+        self.table, self.table_file = table, folder / "table.yaml"
+        write_whole(self.table_file, text)
+        if is_new:
+            self.studied = self.result = None
+            if self.source == "simulated":  # another table turns
+                self.begin(self.source, self.origin)
 
     def add_turn(self, file: Path) -> None:
         """Add the record of a turn at the present stage position."""
@@ -122,35 +184,38 @@ class CentringState:
     def undo_turn(self) -> None:
         """Remove the last turn."""
         self.position = self.turns.pop().position
-        self.result = None
+        self.result = self.history = None
 
     def begin(self, source: Source, position: tuple[float, float] | None = None) -> None:
-        """Start again at a stage position; at zero if it is unknown."""
-        new_state = CentringState(source=source, position=position or (0.0, 0.0))
-        scale = {"radius": self.request.radius or self.radius, "kind": self.request.kind}
-        if source == "gauge" and self.request.kind == MAGNET:
-            scale["kind"] = "disc"  # a gauge measures at a rim
-        if scale["kind"] == MAGNET:
-            scale["radius"] = None
-        if source == "example":
-            new_state.columns = ("angle", *(f"head {j + 1}" for j in range(len(EXAMPLE_HEADS))))
-            scale = {"radius": EXAMPLE_RADIUS, "kind": "disc", "heads": EXAMPLE_HEADS}
+        """Start the turns again at a stage position; at zero if it is unknown."""
+        self.source, self.position, self.turns = source, position or (0.0, 0.0), []
+        self.result = self.history = None
+        self.gauge_text, self.columns = "", ()
+        self.errors.clear()
+        if source == "simulated":
+            heads = range(1, len(self.table.heads.angles) + 1)
+            self.columns = ("angle", *(f"head {j}" for j in heads))
         elif source == "gauge":
-            new_state.columns = ("angle", "gauge")
-        new_state.request = replace(new_state.request, error=new_state.columns[1:], **scale)
-        self.__dict__.update(new_state.__dict__)
+            self.columns = ("angle", "gauge")
+        self.request = CentreRequest(angle="angle", error=self.columns[1:])
+
+    def ask(self, **fields: Any) -> None:
+        """Change columns or units of the records.
+
+        Raises
+        ------
+        FlexstageError
+            The fields are inconsistent.
+        """
+        self.request = replace(self.request, **fields)
 
     def use_columns(self, likely: LikelyTurn) -> None:
         """Use the likely columns of the first record."""
-        heads, count = self.request.heads, len(likely.errors)
-        if count > 1 and not heads:
-            heads = tuple(math.radians(360.0 * j / count) for j in range(count))
         self.columns = likely.columns
         self.request = replace(
             self.request,
             angle=likely.angle,
             unit=None if likely.has_units else "deg",
-            heads=heads,
             **{self.column_kind: likely.errors},
         )
 
@@ -158,23 +223,32 @@ class CentringState:
         """Return the stage position for the next turn [m]; None if it is unknown."""
         if self.result is None or not self.up_to_date:
             return None
-        if self.step == 3:
-            centre = self.result.data["trial"].get("centre")
-            if centre is None:
-                return None
-            # a step below the noise of the sensor is not requested
-            x, y = (
-                present if abs(centre[name] - present) <= noise else centre[name]
-                for name, present, noise in zip(
-                    "xy", self.turns[-1].position, self.noise, strict=True
-                )
+        present = self.turns[-1].position
+        if self.next_kind == "trial":
+            axis, position = len(self.turns) - 1, list(present)
+            position[axis] = calibration_position(
+                position[axis], self.limits[axis], self._trial_length()
             )
-            return x, y
-        axis, position = len(self.turns) - 1, list(self.turns[-1].position)
-        position[axis] = calibration_position(
-            position[axis], self.limits[axis], self._trial_length()
+            return position[0], position[1]
+        move = self.move()
+        if move is None:
+            return None
+        # a step below the noise of the sensor is not requested
+        x, y = (
+            at if abs(by) <= noise else at + by
+            for at, by, noise in zip(present, move, self.noise, strict=True)
         )
-        return position[0], position[1]
+        return x, y
+
+    def move(self) -> tuple[float, float] | None:
+        """Return the move that centres the scale, along the axes of the stage [m], or None."""
+        if self.result is None:
+            return None
+        if self.needs_trial:
+            centre = self.result.data.get("trial", {}).get("centre")
+            return None if centre is None else tuple(centre["move_from_last"])
+        move = self.result.setups[-1].get("move")
+        return None if move is None else (move["x"], move["y"])
 
     def _trial_length(self) -> float:
         """Return the trial move [m], to two digits; 20 µm for a scale without a radius."""

@@ -1,5 +1,5 @@
 // A live chart: it requests new data from the server, and draws them.
-import { Points, axes, clipped, envelope, extent, stableRange, line, loop, readable, written } from "live_drawing";
+import { Points, axes, clipped, envelope, extent, stableRange, line, loop, polarAxes, polarCurve, readable, written } from "live_drawing";
 
 const PERIOD = 45; // between two requests [ms]
 const SLOW = 1000; // between two requests of spectra [ms]
@@ -7,7 +7,7 @@ const PATIENCE = 1500; // after a failed request [ms]
 const GAP = 0.5; // longest interval between samples that a curve bridges [s]
 const READ = 200; // between two updates of the values [ms]
 const MARGIN = { left: 74, right: 14, top: 10, bottom: 46, between: 16 };
-const MODES = { time: "Time", loop: "Loop", spectrum: "Spectrum" };
+const MODES = { polar: "Polar", time: "Time", loop: "Loop", spectrum: "Spectrum" };
 const LENGTHS = { loop: [1, 2, 5, 10, 30, 60], spectrum: [10, 60, 300, 600] };
 
 export default {
@@ -24,7 +24,7 @@ export default {
           <label>x <select v-model.number="loopX" @change="keep()"><option v-for="(c, k) in channels" :value="k">{{ c.name }}</option></select></label>
           <label>y <select v-model.number="loopY" @change="keep()"><option v-for="(c, k) in channels" :value="k">{{ c.name }}</option></select></label>
         </template>
-        <label v-if="mode !== 'time'">last <select v-model.number="lengths[mode]" @change="keep()"><option v-for="s in lengthsOf(mode)" :value="s">{{ durationText(s) }}</option></select></label>
+        <label v-if="lengthsOf(mode)">last <select v-model.number="lengths[mode]" @change="keep()"><option v-for="s in lengthsOf(mode)" :value="s">{{ durationText(s) }}</option></select></label>
         <button type="button" @click="toggle()">{{ follows ? "Pause" : "Follow" }}</button>
         <span class="muted small" ref="where"></span>
       </div>
@@ -38,21 +38,22 @@ export default {
       </ul>
       <p class="hidden-title" role="status">{{ announcement }}</p>
     </div>`,
-  props: { address: String, channels: Array, rate: Number, seconds: Number, windows: Array, caption: String, begins: String, pair: Array, view: Object },
+  props: { address: String, channels: Array, rate: Number, seconds: Number, windows: Array, caption: String, begins: String, pair: Array, angle: Number, view: Object },
   data() {
     const defaults = {
       mode: this.begins,
       length: this.windows[0],
       loopX: this.pair[0],
       loopY: this.pair[1],
-      lengths: { loop: 5, spectrum: 60 },
+      lengths: { polar: this.seconds, loop: 5, spectrum: 60 },
       hidden: [],
     };
     return { ...defaults, ...this.view, follows: true, announcement: "" };
   },
   computed: {
     modes() {
-      return Object.keys(MODES).filter((mode) => mode !== "loop" || this.channels.length > 1);
+      if (this.angle >= 0) return ["polar", "time"];
+      return ["time", "loop", "spectrum"].filter((mode) => mode !== "loop" || this.channels.length > 1);
     },
     panels() {
       const byQuantity = new Map();
@@ -192,7 +193,8 @@ export default {
       const whole = { left: MARGIN.left, top: MARGIN.top, width: width - MARGIN.left - MARGIN.right, height: height - MARGIN.top - MARGIN.bottom };
       this.titles = [];
       const hasData = this.latest?.mode === this.mode && !this.message;
-      if (this.mode === "loop") this.drawLoop(context, whole, hasData);
+      if (this.mode === "polar") this.drawPolar(context, whole, hasData);
+      else if (this.mode === "loop") this.drawLoop(context, whole, hasData);
       else if (this.mode === "spectrum") this.drawSpectrum(context, whole, hasData);
       else this.drawTime(context, whole, hasData, scale);
       const titles = JSON.stringify(this.titles);
@@ -281,6 +283,17 @@ export default {
       this.titles = [{ axis: "x", title: x.title }, { axis: "y", title: y.title }];
       const { toX, toY } = axes(context, box, x, y, this.look);
       if (hasData) clipped(context, box, () => loop(context, this.points, [this.loopX, this.loopY], [across.factor, up.factor], this.look.data[this.loopY % 6], toX, toY));
+    },
+    /** Draw the channels of one quantity over the channel of the angle, outwards from the circle of zero. */
+    drawPolar(context, box, hasData) {
+      const { quantity, label, unit } = this.channels.find((_, index) => index !== this.angle);
+      const curves = this.channels.map((channel, index) => ({ ...channel, index }));
+      const shown = curves.filter((c) => c.quantity === quantity && !this.hidden.includes(c.index));
+      const [low, high] = extent(this.points, hasData ? shown : [], -Infinity, Infinity);
+      const titles = [this.channels[this.angle].label, titled(label, unit)];
+      this.titles = titles.map((title, k) => ({ axis: "xy"[k], title }));
+      const place = polarAxes(context, { ...box, left: 0, width: box.width + MARGIN.left + MARGIN.right }, Math.max(-low, high, 0), titles, this.look);
+      for (const { index, factor } of hasData ? shown : []) polarCurve(context, this.points, this.angle, index, factor, this.look.data[index % 6], place);
     },
     /** Write the values at the cursor, or the newest values, as text. */
     read() {

@@ -261,6 +261,63 @@ export function loop(context, points, [x, y], [factorX, factorY], colour, toX, t
   context.fill();
 }
 
+/** Draw the circles and angles of a polar plot, and return the function from an angle [rad] and a value to pixels. */
+export function polarAxes(context, box, reach, [angle, title], look) {
+  const { step } = ticks(0, reach || 1, 2);
+  const top = step * Math.max(Math.ceil((1.02 * reach) / step), 1);
+  const [x, y] = [box.left + 0.5 * box.width, box.top + 0.5 * (box.height + 40)];
+  const radius = Math.max(Math.min(0.5 * box.width - 40, 0.5 * box.height - 8), 40);
+  // the circle of zero is in the middle between the centre and the edge, with room for the least value
+  const distance = (value) => (radius * (value + 2 * top)) / (3 * top);
+  const place = (at, value) => [x + distance(value) * Math.cos(at), y - distance(value) * Math.sin(at)];
+  context.font = look.font;
+  context.lineWidth = 1;
+  context.strokeStyle = look.grid;
+  context.fillStyle = look.ink;
+  context.textBaseline = "middle";
+  for (let degrees = 0; degrees < 360; degrees += 45) {
+    const at = (degrees * Math.PI) / 180;
+    context.beginPath();
+    context.moveTo(...place(at, -top));
+    context.lineTo(...place(at, top));
+    context.stroke();
+    context.textAlign = Math.abs(Math.cos(at)) < 0.1 ? "center" : Math.cos(at) > 0 ? "left" : "right";
+    context.fillText(`${degrees}°`, x + (radius + 8) * Math.cos(at), y - (radius + 11) * Math.sin(at));
+  }
+  for (const value of [-top, 0, top]) {
+    context.beginPath();
+    context.strokeStyle = value ? look.muted : look.ink;
+    context.setLineDash(value ? [] : [5, 4]);
+    context.arc(x, y, distance(value), 0, 2 * Math.PI);
+    context.stroke();
+    context.setLineDash([]);
+    const at = (112 * Math.PI) / 180;
+    context.textAlign = "center";
+    context.fillText(written(value, step), ...place(at, value).map((pixel, k) => pixel + (k ? 9 : 0)));
+  }
+  context.textAlign = "left";
+  context.textBaseline = "top";
+  context.fillText(`${title} over ${angle.toLowerCase()}`, box.left, box.top - 6);
+  context.fillText("dashed: zero", box.left, box.top + 10);
+  return place;
+}
+
+/** Draw a channel over an angle; a dot marks the newest point. */
+export function polarCurve(context, points, angle, channel, factor, colour, place) {
+  const { low, channels, first, last, count } = points;
+  const at = (k) => place(low[k * channels + angle], factor * low[k * channels + channel]);
+  context.strokeStyle = context.fillStyle = colour;
+  context.lineWidth = 1.4;
+  context.lineJoin = "bevel";
+  context.beginPath();
+  for (let k = first; k <= last; k += 1) context.lineTo(...at(k));
+  context.stroke();
+  if (!count) return;
+  context.beginPath();
+  context.arc(...at(last), 4, 0, 2 * Math.PI);
+  context.fill();
+}
+
 /** The minimum and maximum of channels between two times, in the displayed unit. */
 export function extent(points, shown, begin, end) {
   let low = Infinity;
