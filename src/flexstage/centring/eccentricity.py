@@ -22,6 +22,7 @@ from flexstage.centring.harmonic_fit import (
     length_estimate,
 )
 from flexstage.centring.harmonics import fit_harmonics, fit_many
+from flexstage.centring.least_squares import Noise, densities, noise_amplitudes
 from flexstage.centring.turns import find_turns
 from flexstage.quantities.estimate import Component, Estimate
 
@@ -68,7 +69,11 @@ def combine_heads(
     inverse = np.linalg.inv(design.T @ weighted @ design)
     estimator = inverse @ design.T @ weighted
     x, cov = estimator @ c, estimator @ v @ estimator.T
-    freedom = _pooled_freedom(fits) if together else _least_freedom(fits, estimator, v)
+    spectra = _spectra(fits, table)
+    if spectra:
+        freedom = float(densities(spectra, _FIRST)[1][0])
+    else:
+        freedom = _pooled_freedom(fits) if together else _least_freedom(fits, estimator, v)
     notes: list[str] = []
     free = c.size - x.size
     if free > 0:
@@ -144,25 +149,26 @@ def _covariance(fits: Sequence[HarmonicFit], table: Array | None) -> Array:
     """Return the covariance of cosine and sine of all heads, shape (2 m, 2 m)."""
     m = len(fits)
     blocks = [f.harmonic(1).covariance for f in fits]
-    if table is not None and m > 1 and all(f.residual_rms > 0.0 for f in fits):
+    spectra = _spectra(fits, table)
+    if spectra:
+        one = [densities([n], _FIRST)[0][0][0] for n in spectra]
+        together = [d[0] for d in densities(spectra, _FIRST)[0]]
+        blocks = [b * t / o for b, t, o in zip(blocks, together, one, strict=True)]
+    elif table is not None and m > 1 and all(f.residual_rms > 0.0 for f in fits):
         # all heads together show the correlation of noise best: by chance one would weigh too much
         pooled = np.mean([b / f.residual_rms**2 for b, f in zip(blocks, fits, strict=True)], axis=0)
         blocks = [f.residual_rms**2 * pooled for f in fits]
     shared = np.eye(m)
     if table is not None and m > 1:
-        keep = np.ones(table.size, dtype=bool)
-        for f in fits:
-            keep[[o.index for o in f.outliers]] = False
-        no_outliers = bool(keep.all())
-        residuals = np.stack([f.residual if no_outliers else f.residual[keep] for f in fits])
-        size = np.sqrt(np.einsum("ij,ij->i", residuals, residuals))
+        parts, least = _residual_parts(fits, table)
+        size = np.sqrt(np.einsum("ij,ij->i", parts, parts))
         if size.min() > 0.0:
-            correlation = residuals @ residuals.T / np.outer(size, size)
-            count = residuals.shape[1]
+            correlation = parts @ parts.T / np.outer(size, size)
+            count = parts.shape[1]
             limit = 4.0 / math.sqrt(count)
             mutual = np.abs(correlation - np.diag(np.diag(correlation)))
             # the correlation of heads with independent noise is chance and is ignored
-            shared = correlation if mutual.max() > limit and count > 10 * m else shared
+            shared = correlation if mutual.max() > limit and count > least else shared
     roots = [_root(block) for block in blocks]
     out = np.zeros((2 * m, 2 * m))
     for i in range(m):
@@ -171,6 +177,31 @@ def _covariance(fits: Sequence[HarmonicFit], table: Array | None) -> Array:
     # exact readings have no noise, and equal weights
     scale = float(np.trace(out)) / (2 * m)
     return out + (1e-9 * scale or np.finfo(float).tiny ** 0.5) * np.eye(2 * m)
+
+
+#: Frequency of order 1 [cycles per turn].
+_FIRST = np.ones(1)
+
+
+def _spectra(fits: Sequence[HarmonicFit], table: Array | None) -> list[Noise]:
+    """Return the spectra of the noise of heads that were sampled together in one turn."""
+    spectra = [f.spectra for f in fits if f.spectra is not None]
+    return spectra if table is not None and 1 < len(fits) == len(spectra) else []
+
+
+def _residual_parts(fits: Sequence[HarmonicFit], table: Array) -> tuple[Array, int]:
+    """Return what shows the correlation of heads, shape (heads, k), and the least k for that."""
+    spectra = _spectra(fits, table)
+    if spectra:
+        # in one turn errors of the scale look like noise, except at the orders about the first
+        near = noise_amplitudes(spectra)
+        return np.hstack((near.real, near.imag)), 16
+    keep = np.ones(table.size, dtype=bool)
+    for f in fits:
+        keep[[o.index for o in f.outliers]] = False
+    no_outliers = bool(keep.all())
+    residuals = np.stack([f.residual if no_outliers else f.residual[keep] for f in fits])
+    return residuals, 10 * len(fits)
 
 
 def _pooled_freedom(fits: Sequence[HarmonicFit]) -> float:
@@ -374,6 +405,12 @@ class HeadReadings:
     """Name of the column."""
     file: str = ""
     """Source file."""
+    step: float = 0.0
+    """Step of a code [rad]; 0 if the readings are no codes."""
+
+
+#: Steps of a code by which a reading may deviate beside codes that are never read.
+_CODES = 8.0
 
 
 def eccentricity(
@@ -552,10 +589,21 @@ def _fitted(
     # records of heads are long: one pass for all of them
     if together and not radial:
         columns = np.column_stack([h.error for h in heads])
-        fits = list(fit_many(first, columns, orders=orders, robust=robust, unit=unit))
+        least = _CODES * max(h.step for h in heads)
+        fits = list(
+            fit_many(first, columns, orders=orders, robust=robust, unit=unit, least_outlier=least)
+        )
     else:
         fits = [
-            fit_harmonics(h.angle, h.error, orders=orders, robust=robust, unit=unit) for h in heads
+            fit_harmonics(
+                h.angle,
+                h.error,
+                orders=orders,
+                robust=robust,
+                unit=unit,
+                least_outlier=_CODES * h.step,
+            )
+            for h in heads
         ]
     if any(1 not in f.orders for f in fits):
         raise ModelError("order 1 must be among those fitted: it contains the eccentricity")

@@ -78,16 +78,23 @@ def head_of(
         y = y - theta
     error = request.sign * (unwrap_error(y) if unit == "rad" else y)
     head = HeadReadings(
-        angle=theta, error=error, head_angle=alpha, name=errors.name, file=record.source
-    )
+        angle=theta, error=error, head_angle=alpha, name=errors.name, file=record.source,
+        step=_code_step(errors, request),
+    )  # fmt: skip
     return head, unit == "m"
+
+
+def _code_step(column: Channel, request: TurnRequest) -> float:
+    """Return the step of the codes of a column of readings [rad]; 0 if it is not in counts."""
+    counts = request.counts
+    in_counts = column.unit == "count" or (not column.unit and request.unit == "count")
+    return 2.0 * math.pi / abs(counts) if request.reading and in_counts and counts else 0.0
 
 
 def _code_notes(record: Record, name: str | int, request: CentreRequest) -> list[str]:
     """Return notes on the codes of a column of readings in counts."""
     counts, angle, column = request.counts, request.angle, record.channel(name)
-    in_counts = column.unit == "count" or (not column.unit and request.unit == "count")
-    if not (request.reading and in_counts and counts and angle is not None):
+    if not counts or angle is None or _code_step(column, request) == 0.0:
         return []
     if counts != int(counts) or counts < 2:
         return []

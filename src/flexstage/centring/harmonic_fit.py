@@ -12,6 +12,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
 from flexstage.centring.least_squares import (
     HarmonicProblem,
+    Noise,
     NormalEquations,
     evaluated,
     from_spectrum,
@@ -233,6 +234,8 @@ class HarmonicFit:
     """Unit of the values."""
     notes: tuple[str, ...]
     """Remarks on the fit."""
+    spectra: Noise | None = None
+    """Spectra of the noise of one turn; None if they are not known, and for several turns."""
     with_all: "HarmonicFit | None" = None
     """Fit of all samples if more than 1 % of them were rejected; the covariance and the intervals
     then cover both fits.
@@ -331,6 +334,10 @@ _CORRELATED = (
     "the residuals are correlated, which increases the uncertainty of low orders: fit more orders "
     "if they contain harmonics, or measure more turns if they drift",
 )
+_UNKNOWN = (
+    "one turn does not tell slow noise from errors of the scale of low orders, and the intervals "
+    "allow for both: measure eight turns or more, or more samples",
+)
 
 
 def fit_result(
@@ -347,8 +354,6 @@ def fit_result(
     `c` are its coefficients, shape (p,), `residual` the residuals of all samples, shape (n,), and
     `keep` the mask of samples without outliers, None for all.
     """
-    # variance over that of white noise from which a note reports correlated noise
-    wide = 6.0
     inliers = residual if keep is None else residual[keep]
     free = inliers.size - c.size
     if free < 1:
@@ -360,7 +365,7 @@ def fit_result(
     white = square * np.linalg.inv(equations.gram.sum(axis=0))
     # in the order of the samples, with zeros for outliers
     series = residual if keep is None else np.where(keep, residual, 0.0)
-    factors, freedom, noise = _noise_of_residuals(
+    factors, freedom, noise, spectra = _noise_of_residuals(
         problem, equations, c, white, series, square, turns, free
     )
     roots = np.sqrt(factors)
@@ -388,10 +393,25 @@ def fit_result(
         turns=turns.count,
         outliers=_outliers(problem, residual, keep, turns),
         noise=noise,
+        spectra=None if problem.drift else spectra,
         unit=unit,
         notes=_notes(problem, white, square, turns, inliers.size)
-        + (_CORRELATED if noise == "correlated" and float(factors[first:].max()) > wide else ()),
+        + _noise_notes(noise, factors[first:], freedom[first:], one_turn=not problem.drift),
     )
+
+
+def _noise_notes(noise: str, factors: Array, freedom: Array, *, one_turn: bool) -> tuple[str, ...]:
+    """Return a note if low orders are far less certain than white noise would leave them."""
+    from scipy.special import stdtrit
+
+    # variance over that of white noise from which a note reports it
+    wide = 6.0
+    if noise == "correlated" and float(factors.max()) > wide:
+        return _CORRELATED
+    if noise == "turns" or not one_turn or not factors.size:
+        return ()
+    reach = float(np.max(np.sqrt(factors) * stdtrit(freedom, 0.975))) / 1.96
+    return _UNKNOWN if noise == "correlated" or reach > math.sqrt(wide) else ()
 
 
 def covering_both(fit: HarmonicFit, with_all: HarmonicFit) -> HarmonicFit:
@@ -404,8 +424,8 @@ def covering_both(fit: HarmonicFit, with_all: HarmonicFit) -> HarmonicFit:
             robust_vector[0] - other.cosine.value, robust_vector[1] - other.sine.value
         )
         worst = max(float(np.linalg.eigvalsh(h.covariance)[-1]) for h in (robust, other))
-        # two standard uncertainties extend to two standard uncertainties of the other fit
-        both = (math.sqrt(worst) + 0.5 * shift) ** 2 * np.eye(2)
+        # the least coverage factor of 95 % extends to the interval of the other fit
+        both = (math.sqrt(worst) + shift / 1.9599) ** 2 * np.eye(2)
         part = slice(2 * i, 2 * i + 2)
         covariance[part, part] = both
         freedom = min(robust.cosine.degrees_of_freedom, other.cosine.degrees_of_freedom)
@@ -437,11 +457,11 @@ def _noise_of_residuals(
     square: float,
     turns: Turns,
     free: int,
-) -> tuple[Array, Array, str]:
-    """Return factors on the variance, degrees of freedom, and their source."""
+) -> tuple[Array, Array, str, Noise | None]:
+    """Return factors on the variance, degrees of freedom, their source, and the spectrum."""
     first, size = problem.first, c.size
     if float(np.trace(white)) == 0.0:
-        return np.ones(size), np.full(size, float(free)), "white"
+        return np.ones(size), np.full(size, float(free)), "white", None
     if equations.gram.shape[0] >= MANY_TURNS:
         factors, freedom = from_turns(equations, c, white, first)
         # the phase of an order is arbitrary: noise disturbs its cosine and sine equally
@@ -449,29 +469,35 @@ def _noise_of_residuals(
         factors[first:] = np.repeat(pooled, 2)
         degrees = np.full(size, freedom)
         degrees[first:] *= 2.0
-        return factors, degrees, "turns"
+        return factors, degrees, "turns", None
+    plain = np.ones(size), np.full(size, float(free)), "white", None
     if turns.direction == 0:
-        return np.ones(size), np.full(size, float(free)), "white"
+        return plain
     per_sample = turns.count / problem.u.size
     orders = np.repeat(np.array(problem.orders, dtype=np.float64), 2) * per_sample
     lowest = np.full(first, 0.5 / problem.u.size)
-    full_turns = math.floor(turns.count + 0.5 * per_sample)
+    full_turns = max(1, math.floor(turns.count + 0.5 * per_sample))
+    harmonics = None
     if full_turns > 1:
         residual = residual[: round(full_turns / per_sample)]
+    elif abs(turns.count - 1.0) < 0.01:
+        others = c.copy()
+        others[0] = 0.0
+        if problem.orders[0] == 1:
+            others[first : first + 2] = 0.0
+        harmonics = evaluated(problem.u, others[:, None], problem.orders, drift=False)[:, 0]
     noise = from_spectrum(
         residual,
         np.concatenate((lowest, orders)),
         [*([per_sample] if problem.drift else []), *orders],
-        per_sample if full_turns > 1 else None,
+        per_sample,
+        full_turns,
+        harmonics,
     )
     if noise is None:
-        return np.ones(size), np.full(size, float(free)), "white"
-    density, freedom, is_white = noise
-    factors = density / square
-    if full_turns == 1:
-        # the variance of residuals is a little less than that of the noise
-        factors = factors * (residual.size / free) ** 2
-    return factors, np.minimum(freedom, free), "white" if is_white else "correlated"
+        return plain
+    density, freedom, is_white, spectra = noise
+    return density / square, freedom, "white" if is_white else "correlated", spectra
 
 
 def _nuisance(

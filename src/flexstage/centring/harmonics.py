@@ -27,6 +27,7 @@ def fit_harmonics(
     orders: int | Sequence[int] | None = None,
     robust: bool = True,
     unit: str = "rad",
+    least_outlier: float = 0.0,
 ) -> HarmonicFit:
     r"""Fit harmonics of the turn to values at any angles.
 
@@ -35,10 +36,10 @@ def fit_harmonics(
     The coefficients are those of least squares. A drift is fitted from about two turns on, as one
     turn hardly separates it from harmonics. The covariance allows for correlated noise: from eight
     turns on it follows from the scatter of turns, from two on from the spectrum of the residuals
-    between the orders, and else from all of the spectrum, if it is not white. An outlier is a
-    single sample that deviates: an error of several samples, or one that repeats in other turns,
-    belongs to the scale. If more than 1 % of the samples are rejected, the intervals cover the fit
-    of all samples too.
+    between the orders, and in one turn from the orders around the first, of which those that stand
+    out belong to the scale. An outlier is a single sample that deviates: an error of several
+    samples, or one that repeats in other turns, belongs to the scale. If more than 1 % of the
+    samples are rejected, the intervals cover the fit of all samples too.
 
     Parameters
     ----------
@@ -53,6 +54,8 @@ def fit_harmonics(
         Whether to find and reject outliers.
     unit : str
         Unit of the values.
+    least_outlier : float
+        Deviation up to which no sample is an outlier, such as a few steps of a code.
 
     Returns
     -------
@@ -62,10 +65,12 @@ def fit_harmonics(
     Validity
     --------
     The harmonics are those of the error at the sampled angles; with non-uniform sampling, orders
-    that are not fitted leak into them. One turn does not separate sharp errors of the scale from
-    noise: they widen the intervals, and one of a single sample counts as an outlier. Noise over
-    fewer than eight turns: white and drifting, as of an autoregressive process, in samples at about
-    equal steps. Errors of the angle times the slope of the values are noise too.
+    that are not fitted leak into them. One turn does not separate errors of the scale at most
+    orders from noise, which widens the intervals, nor a drift that is below the noise from order 2
+    on, which they leave out; a sharp error of a single sample counts as an outlier. Noise over
+    fewer than eight turns: white, alone or with a random walk, a drift or noise below a corner
+    frequency, in samples at about equal steps. Errors of the angle times the slope of the values
+    are noise too.
 
     Raises
     ------
@@ -86,7 +91,9 @@ def fit_harmonics(
     y = np.asarray(value, dtype=np.float64)
     if y.ndim != 1:
         raise RecordError(f"the values must be one column, got shape {y.shape}")
-    return fit_many(angle, y[:, None], orders=orders, robust=robust, unit=unit)[0]
+    return fit_many(
+        angle, y[:, None], orders=orders, robust=robust, unit=unit, least_outlier=least_outlier
+    )[0]
 
 
 def fit_many(
@@ -96,6 +103,7 @@ def fit_many(
     orders: int | Sequence[int] | None = None,
     robust: bool = True,
     unit: str = "rad",
+    least_outlier: float = 0.0,
 ) -> tuple[HarmonicFit, ...]:
     """Fit harmonics of the turn to several columns that share their angles.
 
@@ -113,6 +121,8 @@ def fit_many(
         Whether to find and reject outliers.
     unit : str
         Unit of the values.
+    least_outlier : float
+        Deviation up to which no sample is an outlier.
 
     Returns
     -------
@@ -157,15 +167,16 @@ def fit_many(
     equations = problem.sums(None)
     coefficients = solved(equations, fitted_orders)
     residuals = problem.residual(coefficients)
+    few = 2 * coefficients.shape[0] > y.shape[0]
     fits = []
     for j in range(y.shape[1]):
         residual = residuals[:, j]
         if (
             robust
-            and has_outlier(residual)
-            and float(np.abs(residual).max()) > 1e-12 * float(np.abs(y[:, j]).max())
+            and (few or has_outlier(residual))
+            and float(np.abs(residual).max()) > 1e-12 * float(np.abs(y[:, j]).max()) + least_outlier
         ):
-            fits.append(_robust_fit(problem.column(j), residual, turns, unit))
+            fits.append(_robust_fit(problem.column(j), residual, turns, unit, least_outlier))
             continue
         single = of_column(equations, j)
         fits.append(
@@ -196,7 +207,9 @@ def _require_enough(turns: Turns, orders: tuple[int, ...], drift: bool) -> None:
         )
 
 
-def _robust_fit(problem: HarmonicProblem, start: Array, turns: Turns, unit: str) -> HarmonicFit:
+def _robust_fit(
+    problem: HarmonicProblem, start: Array, turns: Turns, unit: str, least: float
+) -> HarmonicFit:
     last: list[tuple[Array, NormalEquations, Array, Array]] = []
 
     def solve(w: Array) -> Array:
@@ -206,7 +219,11 @@ def _robust_fit(problem: HarmonicProblem, start: Array, turns: Turns, unit: str)
         last[:] = [(w, equations, coefficients, residual)]
         return residual
 
-    keep = without_outliers(solve, start, float(np.abs(problem.y).max()), turns)
+    coefficients = problem.first + 2 * len(problem.orders)
+    if 2 * coefficients > start.size:
+        keep = _single_outliers(solve, start, coefficients, least)
+    else:
+        keep = without_outliers(solve, start, float(np.abs(problem.y).max()), turns, least)
     weights = keep.astype(np.float64)
     # the last iteration of a few rejected outliers is already the required fit
     if not last or not np.array_equal(last[0][0], weights):
@@ -244,11 +261,13 @@ def without_outliers(
     start: Array,
     value_size: float,
     turns: Turns,
+    least: float = 0.0,
 ) -> NDArray[np.bool_]:
     """Return the mask of samples that are no outliers.
 
     `solve` maps weights of the samples to residuals of the fit, `start` are those of all samples.
-    Residuals within the rounding of `value_size`, the largest of the values, count as zero. A
+    Residuals within the rounding of `value_size`, the largest of the values, count as zero; those
+    up to `least` are no outliers. A
     record is refused if more than a quarter of its samples deviate, most of them singly.
 
     An outlier deviates alone: an error that the sample before or after shares, or most other turns
@@ -262,7 +281,7 @@ def without_outliers(
     # largest share of samples that may deviate, if most of them do so singly
     most = 0.25
     floor = 1e-13 * value_size
-    few = _few(solve, start, floor, turns)
+    few = _few(solve, start, (floor, least), turns)
     if few is not None:
         return few
     residual = start
@@ -275,7 +294,7 @@ def without_outliers(
             if abs(spread - last) <= 1e-4 * spread:
                 break
             last = spread
-    near = _near(residual, floor)
+    near = _near(residual, (floor, least))
     keep = near | _of_the_scale(residual, ~near, turns)
     alone = int(keep.size - keep.sum())
     if near.mean() < 1.0 - most and alone > 0.5 * (near.size - near.sum()):
@@ -287,10 +306,39 @@ def without_outliers(
     return keep
 
 
+def _single_outliers(
+    solve: Callable[[Array], Array], start: Array, coefficients: int, least: float
+) -> NDArray[np.bool_]:
+    """Return the mask without outliers, found one by one; for fits of more than n / 2 coefficients.
+
+    The residuals of such a fit are few independent ones, whose median says little. A sample is an
+    outlier if a fit without it predicts it with an error that Student's distribution excludes
+    (Rosner 1983, Technometrics 25).
+    """
+    from scipy.special import stdtrit
+
+    keep = np.ones(start.size, dtype=bool)
+    residual = start
+    for _ in range((start.size - coefficients) // 4):
+        largest = int(np.argmax(np.where(keep, np.abs(residual), 0.0)))
+        trial = keep.copy()
+        trial[largest] = False
+        left = solve(trial.astype(np.float64))
+        free = int(trial.sum()) - coefficients
+        square = float(np.sum(left[trial] ** 2)) / free
+        # a residual is the predicted error times the share of the sample that is not fitted
+        distance = float(residual[largest] * left[largest])
+        limit = float(stdtrit(free, 1.0 - 0.0125 / keep.size)) ** 2 * square
+        if distance <= limit or abs(left[largest]) <= least:
+            break
+        keep, residual = trial, left
+    return keep
+
+
 def _few(
     solve: Callable[[Array], Array],
     start: Array,
-    floor: float,
+    floor: tuple[float, float],
     turns: Turns,
 ) -> NDArray[np.bool_] | None:
     """Return the mask without a few outliers, if excluding them adds no others, else None."""
@@ -306,10 +354,13 @@ def _few(
     return None
 
 
-def _near(residual: Array, floor: float) -> NDArray[np.bool_]:
-    """Return for each sample whether it agrees with the fit."""
+def _near(residual: Array, floor: tuple[float, float]) -> NDArray[np.bool_]:
+    """Return for each sample whether it agrees with the fit.
+
+    `floor` are the least rms, and the deviation up to which any sample agrees.
+    """
     size = np.abs(residual)
-    return size <= _threshold(size.size) * max(_spread(size), floor)
+    return size <= max(_threshold(size.size) * max(_spread(size), floor[0]), floor[1])
 
 
 def _of_the_scale(residual: Array, suspect: NDArray[np.bool_], turns: Turns) -> NDArray[np.bool_]:
