@@ -1,6 +1,7 @@
 """Settings of the process that the tests run in."""
 
 import atexit
+import ctypes
 import functools
 import gc
 import math
@@ -23,7 +24,7 @@ from tests.shared_data import ABSENT
 # The same examples on every machine and day: a change is to blame for what fails, not chance. New
 # ones are searched for by `make evidence`, with the profile of that name; a find becomes an example
 # of its test. The same examples find what was broken since, which needs fewer than a search does.
-settings.register_profile("fixed", derandomize=True, database=None, deadline=None, max_examples=40)
+settings.register_profile("fixed", derandomize=True, database=None, deadline=None, max_examples=25)
 settings.register_profile(
     "search", derandomize=False, deadline=None, print_blob=True, max_examples=100
 )
@@ -99,6 +100,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         del rest[: size - len(own)]
         left -= size
     items[:] = parts
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """What the functions of a file remember is forgotten at its end: a process must not grow."""
+    module = getattr(item, "module", None)
+    if module is None or module is getattr(nextitem, "module", None):
+        return
+    for made in vars(module).values():
+        if getattr(made, "__module__", "") == module.__name__ and hasattr(made, "cache_clear"):
+            made.cache_clear()
+    # memory that is free goes back to the system, for the processes beside this one
+    if sys.platform == "linux" and hasattr(ctypes.CDLL(None), "malloc_trim"):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
