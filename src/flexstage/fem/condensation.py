@@ -493,7 +493,8 @@ def _faces_on_mesh(part: Substructure) -> tuple[StageFaces, ng.Mesh]:
 
 def _faces_on_moved_mesh(part: Substructure, like: Substructure) -> tuple[StageFaces, ng.Mesh]:
     faces = stage_faces(part.stage(), [BODY])
-    mesh = moved_mesh(*reversed(_faces_on_mesh(like)), faces, part.mesh)
+    faces_before, mesh_before = _faces_on_mesh(like)
+    mesh = moved_mesh(mesh_before, faces_before, faces, part.mesh)
     return _faces_on_mesh(part) if mesh is None else (faces, mesh)
 
 
