@@ -54,8 +54,9 @@ class Case:
     @property
     def distance(self) -> float:
         """Square of what all dimensions are off together: chi-squared of as many degrees."""
-        off = self.coordinates - self.ensemble.coordinates
-        return float(off @ np.linalg.solve(self.ensemble.posterior.covariance, off))
+        median = np.array([d.median for d in self.ensemble.dimensions])
+        sigma = np.array([d.sigma for d in self.ensemble.dimensions])
+        return self.ensemble.distance(median * np.exp(sigma * self.coordinates))
 
     @property
     def inside(self) -> bool:

@@ -27,12 +27,12 @@ from flexstage.lumped import (
     transfer_function,
 )
 from flexstage.lumped.reduction import ReducedModel, find_mirror
-from flexstage.lumped.requests import DampingKind
 from flexstage.lumped.symbolic import SymbolicModel
 from flexstage.lumped.symbols import generic_body, generic_hinge
 from flexstage.stage.designs import design
 from flexstage.system import frequency_response, modes
 from flexstage.system.mechanical import RayleighDamping
+from flexstage.system.requests import DampingKind
 from tests.mechanisms import chain, damped_parallelogram, parallelogram, response
 
 

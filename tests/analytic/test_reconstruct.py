@@ -7,7 +7,9 @@ Evidence (Coverage of 95 % intervals): dimensions and figures of a reconstructed
 ones by the lumped model: 93 to 97 % required, *simulated*
 """
 
+import itertools
 import math
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -112,6 +114,12 @@ def test_thickness_from_mass_is_the_product_of_two_normal_distributions(share):
     chi_squared = math.log(1.15) ** 2 / (SIGMA**2 + noise**2)
     assert ensemble.chi_squared == pytest.approx(chi_squared, rel=1e-6)
     assert ensemble.probability == pytest.approx(math.erfc(math.sqrt(0.5 * chi_squared)), rel=1e-6)
+    # the region of a linear model is the ellipsoid of its covariance, and its end is in it or not
+    for z in (-2.0, 0.3):
+        point = np.array([row.dimension.median * math.exp(SIGMA * z)])
+        away = (SIGMA * z - middle) / spread
+        assert ensemble.distance(point) == pytest.approx(away**2, rel=1e-5)
+    assert ensemble.distance(ensemble.best) == pytest.approx(0.0, abs=1e-9)
     (residual,) = ensemble.residuals
     assert residual == pytest.approx((middle - math.log(1.15)) / noise, rel=1e-5)
     # plane stiffness is in proportion to the thickness; the model errs in its range
@@ -278,12 +286,15 @@ def test_no_member_begins_after_the_time_is_up():
     assert {row.by for row in ensemble.figure_rows()} == {"Laplace"}
 
 
-def test_the_time_ends_members_of_the_lumped_model_too():
+def test_the_time_ends_members_of_the_lumped_model_too(monkeypatch):
+    # a clock of its own, by which a look takes 0.01 s
+    ticks = itertools.count()
+    monkeypatch.setattr(time, "monotonic", lambda: 0.01 * next(ticks))
     free = (f"{NECK}=20 %", "thickness=20 %")
     given = {"natural_frequency_hz": (200.0, 2.0)}
     ensemble = found(given, free, members=10_000, seconds=0.2)
-    assert 0 < len(ensemble.points) < 10_000
-    assert ensemble.seconds["members"] < 2.0
+    # twelve members at most between two looks
+    assert 0 < len(ensemble.points) <= 12 * 20
     assert ensemble.stopped == "time"
     assert "--time-limit gives more" in notes_of(ensemble)
 
@@ -383,6 +394,7 @@ def require_stated_coverage(count: int, seed: int, model: str, members: int) -> 
     squares = [case.squares for case in found_again]
     low, high = chi2.ppf([0.00135, 0.99865], count) / count
     assert low < np.mean(squares) < high
+    assert sum(case.inside for case in found_again) >= binom.ppf(0.00135, count, 0.95)
 
 
 def test_three_hidden_bridges_are_as_far_as_stated():
@@ -410,6 +422,10 @@ def test_hidden_stages_of_every_design_are_near_what_is_found(count, model):
     assert np.mean(figures) > 0.9
     assert np.mean(dimensions) > 0.8
     assert np.mean([case.inside for case in found_again]) > 0.75
+    assert sum(case.inside for case in found_again) >= binom.ppf(0.00135, count, 0.95)
+    # the most probable stage explains what is given, so that distances are those of five dimensions
+    low, high = chi2.ppf([0.00135, 0.99865], 5 * count)
+    assert low < sum(case.distance for case in found_again) < high
     # 1.11 of the eleven by the lumped model; ranges twice too wide give a quarter of it
     assert np.mean([case.squares for case in found_again]) > 0.5
 

@@ -28,6 +28,7 @@ from flexstage.fem import mesh as plane_meshes
 from flexstage.fem.condensation import Condensed, PrescribedDisplacement, condensed_with_shapes
 from flexstage.fem.coupling import join, lowest
 from flexstage.fem.geometry import (
+    StageFaces,
     either,
     exactly,
     neck_edge,
@@ -487,6 +488,68 @@ def test_elements_are_small_where_corners_point_into_bodies() -> None:
     places = np.array(sorted(place for place, _ in found))
     np.testing.assert_allclose(places, [(2.0, 2.0), (5.0, 2.0), (5.0, 4.0), (9.0, 9.0)])
     assert [size for _, size in found] == pytest.approx([0.1 * 6.0] * 4)
+
+
+def plate_with_holes(scale: float, width: float, hole: tuple[float, float, float]) -> StageFaces:
+    """Return a plate of 40 mm by `width`, with a round hole (x, y, radius) and a slot [mm]."""
+    stage = hinged_bars()
+
+    def scaled(*points: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+        return tuple((1e-3 * scale * x, 1e-3 * scale * y) for x, y in points)
+
+    x, y, radius = hole
+    body = replace(
+        stage.bodies[0],
+        outline=Loop(scaled((0.0, 0.0), (40.0, 0.0), (40.0, width), (0.0, width))),
+        holes=(
+            Circle(*scaled((x, y)), 1e-3 * scale * radius),
+            Loop(scaled((5.0, 5.0), (15.0, 5.0), (15.0, 9.0), (5.0, 9.0)), (0.0, 1.0, 0.0, 0.2)),
+        ),
+        mounting_holes=(),
+    )
+    alone = replace(stage, bodies=(body, *stage.bodies[1:]))
+    return stage_faces(replace(alone, hinges=(), drives=(), probes=(), axes=()), ["block"])
+
+
+def test_a_mesh_moves_with_its_outline() -> None:
+    before = plate_with_holes(1.0, 20.0, (30.0, 12.0, 4.0))
+    settings = MeshSettings(order=4)
+    mesh = plane_meshes.face_mesh(before.shape, 4e-3, settings)
+    after = plate_with_holes(1.0, 22.0, (28.0, 13.0, 5.0))
+    moved = plane_meshes.moved_mesh(mesh, before, after, settings)
+    assert moved is not None
+    assert moved.ne == mesh.ne
+    # half of a disc on the right end of the slot; the bulge 0.2 is of an arc of 4 atan(0.2)
+    angle = 4.0 * math.atan(0.2)
+    left = 0.5 * (2.0 / math.sin(0.5 * angle)) ** 2 * (angle - math.sin(angle))
+    slot = 40.0 + 0.5 * math.pi * 2.0**2 + left
+    area = 40.0 * 22.0 - math.pi * 5.0**2 - slot
+    assert ng.Integrate(1.0, moved, order=8) == pytest.approx(area, rel=1e-6)
+    whole = ng.Integrate(ng.y, moved, order=8)
+    of_hole, of_slot = 13.0 * math.pi * 5.0**2, 7.0 * slot
+    assert whole == pytest.approx(40.0 * 22.0 * 11.0 - of_hole - of_slot, rel=1e-6)
+    assert plane_meshes.shapes(moved).min() > 0.5 * plane_meshes.SLIVER
+
+
+def test_a_moved_mesh_is_similar_where_its_outline_is() -> None:
+    hole = (30.0, 12.0, 4.0)
+    before, after = plate_with_holes(1.0, 20.0, hole), plate_with_holes(1.1, 20.0, hole)
+    settings = MeshSettings(order=3)
+    mesh = plane_meshes.face_mesh(before.shape, 4e-3, settings)
+    moved = plane_meshes.moved_mesh(mesh, before, after, settings)
+    places = [np.array([v.point for v in made.vertices]) for made in (mesh, moved)]
+    np.testing.assert_allclose(places[1], 1.1 * places[0], atol=1e-9)
+    assert ng.Integrate(1.0, moved) == pytest.approx(1.21 * ng.Integrate(1.0, mesh), rel=1e-9)
+
+
+def test_a_mesh_does_not_move_to_another_form() -> None:
+    before = plate_with_holes(1.0, 20.0, (30.0, 12.0, 4.0))
+    settings = MeshSettings(order=3)
+    mesh = plane_meshes.face_mesh(before.shape, 4e-3, settings)
+    # the hole cuts the edge of the plate, and one so far away turns elements over
+    for hole in ((30.0, 19.0, 4.0), (20.0, 4.5, 4.0)):
+        after = plate_with_holes(1.0, 20.0, hole)
+        assert plane_meshes.moved_mesh(mesh, before, after, settings) is None
 
 
 # ---------------------------------------------------------------------- the built-in stages

@@ -38,7 +38,6 @@ from flexstage.hysteresis.requests import (
     PredictRequest,
 )
 from flexstage.instruments.requests import RunsRequest, TwinRequest
-from flexstage.lumped.requests import EquationsRequest
 from flexstage.measure.requests import FrfRequest, UncertaintyRequest
 from flexstage.quantities.units import DIMENSIONS, Length
 from flexstage.records.read_options import DriveColumns, ReadOptions, TextLayout
@@ -51,6 +50,7 @@ from flexstage.studies.explore.requests import (
     ToleranceRequest,
 )
 from flexstage.studies.requests import AnalyseRequest, BudgetRequest, ModelOptions, StudyRequest
+from flexstage.system.requests import EquationsRequest
 
 #: One of each request, with values that are not the usual ones.
 EXAMPLES: tuple[Request, ...] = (

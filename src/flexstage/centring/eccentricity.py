@@ -409,7 +409,7 @@ class HeadReadings:
     """Step of a code [rad]; 0 if the readings are no codes."""
 
 
-#: Steps of a code by which a reading may deviate beside codes that are never read.
+#: Steps of a code by which a reading may deviate next to codes that are never read.
 _CODES = 8.0
 
 

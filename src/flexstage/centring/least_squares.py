@@ -257,7 +257,7 @@ def from_turns(
 _LEAST_FREE = 24
 #: Highest frequency of the spectrum near order 1 [cycles per turn].
 _HIGHEST = 128
-#: Prior probability of white noise, of a random walk beside it, of noise that falls beyond a
+#: Prior probability of white noise, of a random walk with it, of noise that falls beyond a
 #: frequency, and of noise that rises up to one. With them simulated intervals hold white noise in
 #: 95 to 98 % of all records, and noise with a corner in 95 %.
 _WHITE, _WALK, _FALLING, _RISING = 0.75, 0.05, 0.17, 0.03
@@ -304,7 +304,7 @@ def from_spectrum(
     Validity
     --------
     Samples in sequence at about equal steps. Errors of the scale at most orders count as noise. A
-    drift that is below the white noise from order 2 on has little probability and is left out.
+    drift that is below the white noise from order 2 on has little probability and is omitted.
     """
     # distance [bins] below which a frequency belongs to a multiple of one per turn
     nearest = 0.75
@@ -448,7 +448,7 @@ def densities(noises: Sequence[Noise], at: Array) -> tuple[list[Array], Array, b
     p = np.exp(chance - chance.max(axis=0))
     likely = np.flatnonzero((p > 1e-4).any(axis=1))
     p = p[likely] / p[likely].sum(axis=0)
-    # white noise is the first; others that a record only does not exclude are left out
+    # white noise is the first; others that a record only does not exclude are omitted
     sure = p[0] > enough if likely[0] == 0 else np.zeros(frequencies.size, dtype=bool)
     p[:, sure] = 0.0
     p[0, sure] = 1.0

@@ -9,7 +9,7 @@ from flexstage.base.errors import StageError
 from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import OutputFile, print_json, write_file
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.lumped.requests import EquationsRequest
+from flexstage.system.requests import EquationsRequest
 
 if TYPE_CHECKING:
     from flexstage.stage import Stage

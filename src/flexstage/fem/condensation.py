@@ -30,7 +30,7 @@ from flexstage.fem.geometry import (
     stage_faces,
 )
 from flexstage.fem.layered_plate import LayeredPlate
-from flexstage.fem.mesh import MESHER, mesh_without_slivers
+from flexstage.fem.mesh import MESHER, mesh_without_slivers, moved_mesh
 from flexstage.fem.necks import (
     IN_PLANE,
     LOADS,
@@ -354,7 +354,7 @@ class Condensed:
         return slice(self.stiffness.shape[0] - len(self.loads), self.stiffness.shape[0])
 
 
-def condense(part: Substructure) -> Condensed:
+def condense(part: Substructure, like: Substructure | None = None) -> Condensed:
     r"""Condense a body of a plate to the mean motions of its necks, by `part.through`.
 
     The motions of a neck are those of a beam: along and across its hinge and rotation, in space
@@ -369,7 +369,9 @@ def condense(part: Substructure) -> Condensed:
 
     and `PrescribedDisplacement` solves it, for free bodies as well as fixed ones.
 
-    The matrices are for the `REFERENCE` material and the thickness of `part.through`.
+    The matrices are for the `REFERENCE` material and the thickness of `part.through`. With `like`,
+    another body of the same form, its mesh is moved with the outline where that is possible: errors
+    of the mesh then cancel in differences between the two.
 
     Notes
     -----
@@ -377,14 +379,16 @@ def condense(part: Substructure) -> Condensed:
     with means in place of single displacements. Validity: exact but for the shape of the traction
     in the necks, which is that of notches whose two halves are equal for about a neck's thickness.
     """
-    return condensed_with_shapes(part)[0]
+    return condensed_with_shapes(part, like)[0]
 
 
-def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, Array]:
+def condensed_with_shapes(
+    part: Substructure, like: Substructure | None = None
+) -> tuple[Condensed, LayeredPlate, Array]:
     """Condense a body; also return its plate, and the displacement for each coordinate."""
     tractions = [_tractions(part, neck) for neck in part.necks] if part.through.in_space else None
     with MESHER:
-        body_on_mesh = _prepared(part, tractions)
+        body_on_mesh = _prepared(part, tractions, like)
     plate, loads = body_on_mesh.plate, body_on_mesh.loads
     mixed = None if tractions else partial(_mixed, part, plate.plane.order)
     body = PrescribedDisplacement(plate, body_on_mesh.rows, mixed, floating=not part.fixed)
@@ -481,11 +485,31 @@ class _MeshedBody:
     """Supports of the body, as text."""
 
 
-@lru_cache(maxsize=2)
-def _meshed(part: Substructure) -> tuple[StageFaces, PlaneIntegrals, list[Array]]:
-    """Mesh a body, for all its motions: its faces, integrals over its plane, means over necks."""
+@lru_cache(maxsize=64)
+def _faces_on_mesh(part: Substructure) -> tuple[StageFaces, ng.Mesh]:
     faces = stage_faces(part.stage(), [BODY])
-    mesh = mesh_without_slivers(part.stage(), faces, part.mesh)
+    return faces, mesh_without_slivers(part.stage(), faces, part.mesh)
+
+
+def _faces_on_moved_mesh(part: Substructure, like: Substructure) -> tuple[StageFaces, ng.Mesh]:
+    faces = stage_faces(part.stage(), [BODY])
+    faces_before, mesh_before = _faces_on_mesh(like)
+    mesh = moved_mesh(mesh_before, faces_before, faces, part.mesh)
+    return _faces_on_mesh(part) if mesh is None else (faces, mesh)
+
+
+def _bare(part: Substructure) -> Substructure:
+    """Return a body with all that its mesh depends on, and the same for all motions."""
+    in_plane = ThroughThickness(thickness=part.thickness)
+    return replace(part, through=in_plane, readings=(), modes=0)
+
+
+@lru_cache(maxsize=2)
+def _meshed(
+    part: Substructure, like: Substructure | None
+) -> tuple[StageFaces, PlaneIntegrals, list[Array]]:
+    """Mesh a body, for all its motions: its faces, integrals over its plane, means over necks."""
+    faces, mesh = _faces_on_moved_mesh(part, like) if like else _faces_on_mesh(part)
     plane = PlaneIntegrals(
         mesh,
         order=part.mesh.order,
@@ -501,10 +525,11 @@ def _strained(part: Substructure) -> str:
     return either(names)
 
 
-def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _MeshedBody:
+def _prepared(
+    part: Substructure, tractions: Sequence[Array] | None, like: Substructure | None
+) -> _MeshedBody:
     through, stage = part.through, part.stage()
-    in_plane = ThroughThickness(thickness=part.thickness)
-    faces, plane, means = _meshed(replace(part, through=in_plane, readings=(), modes=0))
+    faces, plane, means = _meshed(_bare(part), like and _bare(like))
     plate = LayeredPlate(
         plane,
         part.material(),

@@ -288,11 +288,14 @@ def condense_all(
     parts: Sequence[Substructure],
     cache: Cache | Path | str | bool | None,
     near: Sequence[tuple[Substructure, Condensed]] = (),
+    *,
+    moved: bool = False,
 ) -> tuple[list[Condensed], list[int]]:
     """Condense bodies, each only once, or find them in the cache; also return which were new.
 
     `near` are known bodies, one for each, or none: an equal body is reused, and one of which only
-    necks differ follows from it.
+    necks differ follows from it. If `moved`, the meshes of these are moved to the others, which are
+    not cached.
     """
     ready: dict[Substructure, Condensed] = dict(near)
     changes: dict[Substructure, tuple[Substructure, list[ChangedNeck]]] = {}
@@ -300,7 +303,12 @@ def condense_all(
         if part not in ready and (necks := changed_necks(before, part)):
             changes[part] = before, necks
     with progress.subtask(0.0, 0.5 if changes else 1.0):
-        new = _condense_missing([part for part in parts if part not in changes], ready, cache)
+        others = [part for part in parts if part not in changes]
+        if moved and near:
+            like = {part: old for part, (old, _) in zip(parts, near, strict=True)}
+            new = _condense_moved([part for part in others if part not in ready], like, ready)
+        else:
+            new = _condense_missing(others, ready, cache)
     halves = dict.fromkeys(n.halves for _, necks in changes.values() for n in necks)
     families = {}
     with (
@@ -351,6 +359,18 @@ def _condense_missing(
     if store is not None and missing:
         store.trim()
     return list(missing)
+
+
+def _condense_moved(
+    parts: Sequence[Substructure],
+    like: dict[Substructure, Substructure],
+    ready: dict[Substructure, Condensed],
+) -> list[Substructure]:
+    """Add bodies on the moved meshes of others; return them."""
+    new = list(dict.fromkeys(parts))
+    with ThreadPoolExecutor(_threads()) as workers:
+        ready |= zip(new, workers.map(condense, new, [like[part] for part in new]), strict=True)
+    return new
 
 
 def _threads() -> int:

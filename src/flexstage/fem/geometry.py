@@ -120,6 +120,8 @@ class StageFaces:
     """Patches of the drives on them."""
     supports: str
     """Supports of the fixed bodies, as text; empty where none is fixed."""
+    corners: tuple[Point, ...]
+    """Corners of all their outlines, in the order of the stage [m]."""
 
 
 def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[DrivePatch, ...]:
@@ -181,13 +183,15 @@ def _with_points(loop: Loop, extra: Iterable[Point]) -> Loop:
     return Loop(tuple(points), tuple(bulges))
 
 
-def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
+def _body_face(stage: Stage, body: Body, extra: list[Point]) -> tuple[TopoDS_Shape, list[Point]]:
+    """Return the face of a body, and the corners of its outline and holes."""
     contour, holes = body_contour(stage, body, lambda h, which: notch_cuts(stage, h, which)[-1])
     outline = _with_points(contour, extra)
-    shape = face(outline.points, outline.bulges)
+    shape, corners = face(outline.points, outline.bulges), list(outline.points)
     for hole in (*holes, *body.mounting_holes):
         loop = hole.loop() if isinstance(hole, Circle) else _with_points(hole, extra)
         shape = shape - face(loop.points, loop.bulges)
+        corners += loop.points
     if len(shape.faces) != 1:
         raise StageError(
             f"body '{body.name}' is in {len(shape.faces)} pieces once its holes are cut: run "
@@ -195,7 +199,7 @@ def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
         )
     shape = shape.faces[0]
     shape.name = body_region(body.name)
-    return shape
+    return shape, corners
 
 
 def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces:
@@ -210,7 +214,11 @@ def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces
     names = {b.name for b in selected}
     touched = tuple(p for d in stage.drives for p in patches(d, selected))
     extra = [end for p in touched if p.ends is not None for end in p.ends]
-    shapes = [_body_face(stage, b, extra) for b in selected]
+    shapes, corners = [], []
+    for body in selected:
+        shape, of_body = _body_face(stage, body, extra)
+        shapes.append(shape)
+        corners += of_body
     halves: list[tuple[Hinge, int]] = [
         (h, i) for h in stage.hinges for i in (0, 1) if h.bodies[i] in names
     ]
@@ -221,6 +229,7 @@ def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces
             half = face(loop.points, loop.bulges)
             half.name = region(hinge.name, which)
             shapes.append(half)
+            corners += loop.points
             start = end
     glued = Glue(shapes) if len(shapes) > 1 else shapes[0]
     if len(glued.faces) != len(shapes):
@@ -229,7 +238,7 @@ def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces
             f"{len(glued.faces)} when they were joined; run 'flexstage check' for details"
         )
     supports = _name_edges(stage, glued, selected, touched, halves)
-    return StageFaces(shape=glued, patches=touched, supports=supports)
+    return StageFaces(shape=glued, patches=touched, supports=supports, corners=tuple(corners))
 
 
 def _middle(edge: TopoDS_Shape) -> Point:

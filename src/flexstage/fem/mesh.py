@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import ngsolve as ng
 import numpy as np
+import scipy.sparse as sp
 from netgen.meshing import IdentificationType, MeshingParameters
 from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vec
 from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
@@ -25,6 +27,7 @@ _TRIES = 6
 # At a corner that points into a body the stress is singular, and the mesh dominates the error of
 # the body's stiffness: largest element there, in plate thicknesses, and the least turn [rad].
 _AT_CORNER, _TURN = 0.1, 0.3
+_SAME = 1e-6  # two points are one [mm]
 _GROWTH = 0.35  # of an element, by its distance from the small ones [1]
 
 #: Lock of the mesher and its meshes for one thread at a time; matrices are factorised in parallel.
@@ -258,6 +261,110 @@ def mesh_without_slivers(stage: Stage, faces: StageFaces, settings: MeshSettings
             break
         sizes += _graded(mesh, bad)
     return best
+
+
+def moved_mesh(
+    mesh: ng.Mesh, before: StageFaces, after: StageFaces, settings: MeshSettings
+) -> ng.Mesh | None:
+    """Return the mesh of some faces moved to others of the same form; None if theirs is another.
+
+    Vertices of an edge keep their share of its length, and the others follow evenly. Errors by the
+    mesh are then about the same before and after, and cancel in differences.
+    """
+    geometry = OCCGeometry(after.shape, dim=2)
+    there = _numbered(list(geometry.edges), after.corners)
+    here = _numbered(list(OCCGeometry(before.shape, dim=2).edges), before.corners)
+    if there is None or here is None or here.keys() != there.keys():
+        return None
+    key_of = {number: key for key, (number, _) in here.items()}
+    moved = mesh.ngmesh.Copy()
+    places = np.array([point.p[:2] for point in moved.Points()])
+    shifts, known = np.zeros_like(places), np.zeros(len(places), dtype=bool)
+    for segment in moved.Elements1D():
+        key = key_of[moved.EdgeDescriptor(segment.index).edgenr]
+        ends = [vertex.nr - 1 for vertex in segment.vertices[:2]]
+        shifts[ends] = _moved_along(here[key][1], there[key][1], places[ends]) - places[ends]
+        known[ends] = True
+    corners = np.array([[v.nr - 1 for v in e.vertices[:3]] for e in moved.Elements2D()])
+    shifts[~known] = _followed(places, corners, shifts, known)
+    for point, (x, y) in zip(moved.Points(), (places + shifts).tolist(), strict=True):
+        point[0], point[1] = x, y
+    for descriptor in moved.EdgeDescriptors():
+        descriptor.edgenr = there[key_of[descriptor.edgenr]][0]
+    moved.SetGeometry(geometry)
+    result = ng.Mesh(moved)
+    result.Curve(settings.order)
+    return result if shapes(result).min() > 0.5 * min(SLIVER, shapes(mesh).min()) else None
+
+
+#: Corners of an edge, and the side on which it is bent.
+_EdgeKey = tuple[int, int, float]
+
+
+def _numbered(
+    edges: Sequence[TopoDS_Shape], corners: Sequence[tuple[float, float]]
+) -> dict[_EdgeKey, tuple[int, Array]] | None:
+    """Return the number of each edge from 1, with its start, middle and end [mm]; None if unclear.
+
+    The start is at the corner of the lower number.
+    """
+    at = METRE * np.array(corners)
+    numbers: dict[_EdgeKey, tuple[int, Array]] = {}
+    for number, edge in enumerate(edges, start=1):
+        first, last = edge.parameter_interval
+        line = np.array([(p.x, p.y) for p in map(edge.Value, np.linspace(first, last, 3))])
+        near = [np.flatnonzero(np.hypot(*(at - end).T) < _SAME) for end in line[[0, 2]]]
+        if not all(n.size for n in near):
+            return None
+        start, end = (int(n[0]) for n in near)
+        if start > end:
+            start, end, line = end, start, line[::-1]
+        chord, rise = line[2] - line[0], line[1] - line[0]
+        bent = chord[0] * rise[1] - chord[1] * rise[0]
+        side = float(np.sign(bent)) if abs(bent) > _SAME * math.hypot(*chord) else 0.0
+        numbers[start, end, side] = number, line
+    return numbers if len(numbers) == len(edges) else None
+
+
+def _moved_along(before: Array, after: Array, places: Array) -> Array:
+    """Return the places of points of a line or an arc on another one, both by three points."""
+    angle, other = _sweep(before), _sweep(after)
+    share = np.hypot(*(places - before[0]).T) / math.dist(before[0], before[2])
+    if angle:
+        share = 2.0 * np.arcsin(np.minimum(share * math.sin(0.5 * angle), 1.0)) / angle
+    chord = after[2] - after[0]
+    if not other:
+        return after[0] + share[:, None] * chord
+    # a chord of the arc from its start turns from its tangent by half of the angle so far
+    rise = after[1] - after[0]
+    turn = math.copysign(0.5 * other, chord[0] * rise[1] - chord[1] * rise[0])
+    turns, reach = turn * (1.0 - share), np.sin(0.5 * share * other) / math.sin(0.5 * other)
+    cos, sin = reach * np.cos(turns), reach * np.sin(turns)
+    x, y = cos * chord[0] - sin * chord[1], sin * chord[0] + cos * chord[1]
+    return after[0] + np.column_stack((x, y))
+
+
+def _sweep(line: Array) -> float:
+    """Return the angle of an arc by its start, middle and end [rad]; 0 of a line."""
+    ratio = 0.5 * math.dist(line[0], line[2]) / math.dist(line[0], line[1])
+    angle = 4.0 * math.acos(min(ratio, 1.0))
+    return angle if angle > 1e-4 else 0.0
+
+
+def _followed(
+    places: Array, triangles: NDArray[np.intp], shifts: Array, known: NDArray[np.bool_]
+) -> Array:
+    """Return the shifts of inner vertices: harmonic, linear on triangles; linear ones are exact."""
+    if known.all():
+        return np.zeros((0, 2))
+    corners = places[triangles]
+    opposite = np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1)
+    area = np.abs(np.linalg.det(opposite[:, :2]))
+    integrals = np.einsum("tik,tjk->tij", opposite, opposite) / area[:, None, None]
+    rows, columns = np.repeat(triangles, 3, axis=1), np.tile(triangles, 3)
+    size = (len(places), len(places))
+    free = sp.csr_matrix((integrals.ravel(), (rows.ravel(), columns.ravel())), shape=size)[~known]
+    return splu(free[:, ~known].tocsc()).solve(-(free[:, known] @ shifts[known]))
 
 
 def _graded(mesh: ng.Mesh, slivers: NDArray[np.intp]) -> Sizes:

@@ -30,6 +30,8 @@ from flexstage.system.stress_map import StressMap
 
 #: Mesh settings of bodies: elements may grow fast, as stress is that of half notches alone.
 BODIES = MeshSettings(neck_size=0.7, grading=0.75)
+#: Mesh settings of bodies for differences of figures, whose meshes are moved: their errors cancel.
+MOVED_BODIES = replace(BODIES, order=3)
 #: Number of modes of each body with fixed interfaces, and of retained modes of the stage.
 MODES, STAGE_MODES = 3, 16
 
@@ -84,6 +86,7 @@ def superelement_model(
     supports: Supports = "rigid",
     cache: Cache | Path | str | bool | None = True,
     near: SuperelementModel | None = None,
+    moved: bool = False,
 ) -> SuperelementModel:
     """Return the model of a stage whose bodies are condensed to their necks.
 
@@ -117,6 +120,9 @@ def superelement_model(
         A model of a stage that differs little. Its bodies that are the same are taken from it, and
         where others differ in the thickness of their necks alone, the change is computed in a block
         about each (see `flexstage.fem.condensed_bodies.with_other_necks`).
+    moved : bool
+        Whether the meshes of these bodies are moved to the others, so that differences between the
+        two models are free of the scatter between meshes.
 
     Returns
     -------
@@ -162,7 +168,8 @@ def superelement_model(
     cut = cut_free(stage, settings, plane=plane, modes=modes, supports=supports)
     ways = in_space(stage, cut) if space else (cut,)
     together = [p for bodies in zip(*ways, strict=True) for p in bodies]
-    condensed, new = condense_all([p.part for p in together], cache, _interleaved(near))
+    parts = [p.part for p in together]
+    condensed, new = condense_all(parts, cache, _interleaved(near), moved=moved)
     of_ways = [condensed[k :: len(ways)] for k in range(len(ways))]
     placed = [p for bodies in ways for p in bodies]
     condensed = [c for bodies_of_motion in of_ways for c in bodies_of_motion]

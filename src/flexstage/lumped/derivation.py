@@ -21,10 +21,10 @@ from flexstage.lumped.reduction import (
     reduce_by_symmetry,
     transfer_function,
 )
-from flexstage.lumped.requests import EquationsRequest
 from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
 from flexstage.lumped.symbols import generic_body, generic_hinge, upright
 from flexstage.stage import Stage
+from flexstage.system.requests import EquationsRequest
 
 # a stage whose stiffness differs from its image by less is reduced as a symmetric one, which the
 # output says: the frequencies change by the square of it

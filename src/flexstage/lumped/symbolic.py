@@ -22,7 +22,6 @@ import sympy as sp
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
-from flexstage.lumped.requests import DampingKind
 from flexstage.lumped.rigid_bodies import Mechanism, Sight, mechanism
 from flexstage.lumped.symbols import (
     HingeConstants,
@@ -36,6 +35,7 @@ from flexstage.lumped.symbols import (
 )
 from flexstage.stage.model import Stage
 from flexstage.system.mechanical import find_named
+from flexstage.system.requests import DampingKind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

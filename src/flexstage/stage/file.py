@@ -13,11 +13,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from flexstage.base.choose import unknown
 from flexstage.base.errors import FlexstageError, StageError
 from flexstage.files.decoder import Decoder, read
 from flexstage.files.encoder import Encoder, Number, same, yaml_text
-from flexstage.files.format import Form, Format, check_name, field_types
-from flexstage.files.forms import FORMS
+from flexstage.files.format import DIMENSION_OF_UNIT, Form, Format, check_name, field_types
 from flexstage.files.nodes import Mapping as MappingNode
 from flexstage.files.nodes import MappingData, Node, Scalar, Sequence, read_text
 from flexstage.files.parameters import KEY as PARAMETERS
@@ -26,7 +26,10 @@ from flexstage.files.schema import SchemaBuilder, file_schema
 from flexstage.files.write import write_whole
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import PROFILES
-from flexstage.quantities.units import DIMENSIONS
+from flexstage.quantities.characteristic import ORIGINS, Characteristic
+from flexstage.quantities.material import CATALOGUE, Material, material
+from flexstage.quantities.quantity import QUANTITIES
+from flexstage.quantities.units import DIMENSIONS, to_text
 from flexstage.stage.bench import Bench
 from flexstage.stage.bought_parts import bought_drives
 from flexstage.stage.copies import (
@@ -44,6 +47,90 @@ from flexstage.stage.transform import PlaneMotion
 
 #: The schema that is shipped with the package.
 SCHEMA_PATH = Path(__file__).with_name("stage.schema.json")
+
+
+def _read_material(decoder: Decoder, node: Node, path: str, base: Any) -> Material:
+    if isinstance(node, MappingNode):
+        return decoder.build(Material, node, path, base=base)
+    name = decoder.text(node, path)
+    try:
+        return material(name)
+    except FlexstageError as error:
+        decoder.refuse_again(node, path, error)
+
+
+def _write_material(encoder: Encoder, value: Material) -> Any:
+    return value.name if CATALOGUE.get(value.name) == value else encoder.fields(value)
+
+
+def _material_schema(builder: Any) -> dict[str, Any]:
+    # names of the catalogue are not case-sensitive
+    pattern = (
+        "|".join(
+            "".join(f"[{c.upper()}{c.lower()}]" if c.isalpha() else re.escape(c) for c in name)
+            for name in CATALOGUE
+        )
+        .replace(r"\ ", " ")
+        .replace(r"\-", "-")
+        .replace(r"\<", "<")
+        .replace(r"\>", ">")
+    )
+    return {
+        "anyOf": [
+            {"enum": list(CATALOGUE)},
+            {"type": "string", "pattern": f"^({pattern})$"},
+            builder.describe(Material, named=True),
+        ]
+    }
+
+
+def _read_characteristic(decoder: Decoder, node: Node, path: str, _base: Any) -> Characteristic:
+    entry = decoder.mapping(node, path)
+    quantity = entry.items.get("quantity")
+    name = decoder.text(quantity, f"{path}.quantity") if quantity else ""
+    if quantity is not None and name not in QUANTITIES:
+        sentence = unknown("quantity", name, QUANTITIES, 0.5)
+        decoder.refuse(quantity, f"{path}.quantity", sentence)
+    unit = QUANTITIES[name].unit if name in QUANTITIES else "1"
+    fields: dict[str, Any] = {"unit": unit}
+    for key in ("value", "uncertainty"):
+        value = entry.items.get(key)
+        if value is not None and unit != "1":
+            dimension = DIMENSIONS[DIMENSION_OF_UNIT[unit]]
+            fields[key] = decoder.quantity(dimension, value, f"{path}.{key}")
+    others = {k: v for k, v in entry.items.items() if k not in fields or k == "unit"}
+    return decoder.build(
+        Characteristic, MappingNode(entry.line, others, entry.key_lines), path, fields
+    )
+
+
+def _write_characteristic(encoder: Encoder, value: Characteristic) -> dict[str, Any]:
+    out = encoder.fields(value, skip="unit")
+    if value.unit != "1":
+        for key in ("value", "uncertainty"):
+            if (quantity_value := getattr(value, key)) is not None:
+                out[key] = to_text(quantity_value, DIMENSION_OF_UNIT[value.unit])
+    return out
+
+
+def _characteristic_schema(builder: Any) -> dict[str, Any]:
+    out = builder.describe(Characteristic)
+    del out["properties"]["unit"]
+    out["required"] = [name for name in out["required"] if name != "unit"]
+    out["properties"]["quantity"] = {"enum": list(QUANTITIES)}
+    out["properties"]["origin"] = {"enum": list(ORIGINS)}
+    for name in ("value", "uncertainty"):
+        text = {"type": ["string", "number"], "description": "With its unit, if it has one."}
+        out["properties"][name] = text
+    return out
+
+
+_QUANTITY_FORMS: dict[Any, Form] = {
+    Material: Form(read=_read_material, write=_write_material, schema=_material_schema),
+    Characteristic: Form(
+        read=_read_characteristic, write=_write_characteristic, schema=_characteristic_schema
+    ),
+}
 
 
 # More than a drawn curve needs; checks of clearance take tens of seconds beyond it.
@@ -194,7 +281,7 @@ STAGE_FILE = Format(
         Profile: PROFILES,
     },
     forms={
-        **FORMS,
+        **_QUANTITY_FORMS,
         Loop: Form(read=_read_loop, write=_write_loop, schema=_loop_schema),
         Loop | Circle: Form(read=_read_outline),
         PlaneMotion: Form(read=_read_line, schema=_line_schema),

@@ -149,18 +149,35 @@ def _superelements_near(stage: Stage, model: str, options: ModelOptions) -> "Sup
     return _superelements(stage, model, options)
 
 
+def _moved_superelements(stage: Stage, model: str, near: Stage) -> "SuperelementModel":
+    base = _superelements_before(near, model)
+    return base if stage == near else _superelements(stage, model, ModelOptions(), base, moved=True)
+
+
+@lru_cache(maxsize=2)
+def _superelements_before(stage: Stage, model: str) -> "SuperelementModel":
+    return _superelements(stage, model, ModelOptions(), moved=True)
+
+
 def _superelements(
-    stage: Stage, model: str, options: ModelOptions, near: "SuperelementModel | None" = None
+    stage: Stage,
+    model: str,
+    options: ModelOptions,
+    near: "SuperelementModel | None" = None,
+    *,
+    moved: bool = False,
 ) -> "SuperelementModel":
-    from flexstage.fem import superelement_model
+    from flexstage.fem.superelement import BODIES, MOVED_BODIES, superelement_model
 
     return superelement_model(
         stage,
+        MOVED_BODIES if moved else BODIES,
         plane=options.plane,
         space=model == "superelement-3d",
         supports=options.supports,
         cache=options.cache,
         near=near,
+        moved=moved,
     )
 
 
@@ -341,6 +358,16 @@ def stage_budget(stage: Stage, request: BudgetRequest) -> "DynamicBudget":
         exposure=request.exposure,
     )
     return replace(budget, request=request)
+
+
+def analyse_moved(stage: Stage, model: str, near: Stage) -> Analysis:
+    """Analyse a stage with superelements on the moved meshes of another, for their difference.
+
+    The mesh of each body is that of `near`, of a lower order than usual and moved with its outline,
+    so that differences between such analyses are free of the scatter between meshes.
+    """
+    _require_computable(stage)
+    return analyse(stage, _moved_superelements(stage, model, near).system)
 
 
 def stage_export(stage: Stage, request: "ExportRequest") -> "StageExport":

@@ -18,7 +18,7 @@ from flexstage.measure.posterior import Posterior
 from flexstage.quantities.quantity import number
 from flexstage.stage import Stage
 from flexstage.stage.designs import StageTemplate
-from flexstage.studies.explore.family import Family
+from flexstage.studies.explore.family import Family, evaluate
 from flexstage.studies.explore.figures import Figure, Requirement, figure_of
 from flexstage.studies.explore.variables import Variable
 
@@ -393,18 +393,23 @@ class Ensemble(Result):
 
         Limits of the geometry set them apart from `coordinates`, which do not know them.
         """
+        return self._coordinates(self.best)
+
+    def _coordinates(self, points: Array) -> Array:
         median = np.array([d.median for d in self.dimensions])
-        return np.log(self.best / median) / np.array([d.sigma for d in self.dimensions])
+        return np.log(points / median) / np.array([d.sigma for d in self.dimensions])
 
     @property
     def residuals(self) -> Array:
         """Most probable stage less given figures, in standard deviations of these, shape (n,)."""
         at = [self.figures.index(o.figure) for o in self.observations]
+        return self._residuals(self.best_values[at])
+
+    def _residuals(self, values: Array) -> Array:
         logarithmic = np.array([o.logarithmic for o in self.observations])
-        values = scaled(np.array([o.value for o in self.observations]), logarithmic)
+        observed = scaled(np.array([o.value for o in self.observations]), logarithmic)
         spread = np.array([o.spread for o in self.observations])
-        residuals = (scaled(self.best_values[at], logarithmic) - values) / spread
-        return np.nan_to_num(residuals, nan=math.inf)
+        return np.nan_to_num((scaled(values, logarithmic) - observed) / spread, nan=math.inf)
 
     @property
     def chi_squared(self) -> float:
@@ -421,6 +426,38 @@ class Ensemble(Result):
         from scipy.special import chdtrc
 
         return float(chdtrc(len(self.observations), self.chi_squared))
+
+    def distance(self, point: Array) -> float:
+        r"""Return the distance of a stage from the most probable one, squared.
+
+        .. math:: d = \chi^2(z) - \chi^2(\hat z), \quad
+                  \chi^2(z) = \sum_k \left(\frac{f_k(z) - y_k}{s_k}\right)^2 + z^T z
+
+        with the given figures y (or their logarithms), their spread s, the figures f of the stage
+        by the model itself, and its coordinates z (`chi_squared`).
+
+        Parameters
+        ----------
+        point : array
+            Its dimensions, in the order of `dimensions` [SI], shape (p,).
+
+        Returns
+        -------
+        float
+            The distance [1], infinite for a stage that cannot be built. Stages up to the 95 %
+            quantile of the chi-squared distribution with p degrees of freedom are the 95 % region.
+
+        Notes
+        -----
+        Validity: exact for a linear model, as the ellipsoid of the covariance is. Where figures
+        bend over what is left of the dimensions, the region follows them and the ellipsoid does
+        not (A. Tarantola, Inverse Problem Theory, SIAM 2005, section 3.3). Limits of the geometry
+        are not known to it.
+        """
+        figures = [o.figure for o in self.observations]
+        values = evaluate(self.family, point[None], figures, self.model).values[0]
+        z = self._coordinates(point)
+        return float((self._residuals(values) ** 2).sum() + z @ z - self.chi_squared)
 
     def figure_rows(self) -> tuple[FigureRow, ...]:
         """Return all figures that the dimensions change, with their ranges."""
@@ -478,7 +515,7 @@ class Ensemble(Result):
         spread = np.sqrt(np.diag(self.posterior.covariance))
         median = np.array([d.median for d in self.dimensions])
         sigma = np.array([d.sigma for d in self.dimensions])
-        of_members = np.log(self.points / median) / sigma
+        of_members = self._coordinates(self.points)
         rows = []
         for i in np.argsort(spread).tolist():
             ranges = _ranges(float(self.coordinates[i]), float(spread[i]), of_members[:, i])

@@ -30,7 +30,7 @@ from flexstage.stage.drive import Force, PiezoStack
 from flexstage.stage.narrowest import narrowest_slot, thinnest_wall
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.variables import Variable
-from flexstage.studies.models import analyse_model
+from flexstage.studies.models import analyse_model, analyse_moved
 from flexstage.system import MechanicalSystem, characteristic_derivatives
 from flexstage.system.batch_analysis import quoted
 from flexstage.system.characteristics import axis_states
@@ -248,7 +248,12 @@ def batched_figures(stage: Stage) -> tuple[tuple[str, str], ...]:
 
 
 def evaluate(
-    family: Family, points: Array, figures: Sequence[Figure], model: str = "lumped"
+    family: Family,
+    points: Array,
+    figures: Sequence[Figure],
+    model: str = "lumped",
+    *,
+    moved: bool = False,
 ) -> Evaluated:
     """Return figures of many points of a family.
 
@@ -262,6 +267,9 @@ def evaluate(
         Figures to compute.
     model : str
         ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` or ``solid``.
+    moved : bool
+        Whether the meshes of superelements are those of the described stage, moved, as of
+        `flexstage.studies.models.analyse_moved`.
 
     Returns
     -------
@@ -295,7 +303,8 @@ def evaluate(
             continue
         try:
             with subtask(done / len(stages), (done + 1) / len(stages)):
-                values[i, missing] = _figures(stage, [figures[k] for k in missing], model, nominal)
+                rest = [figures[k] for k in missing]
+                values[i, missing] = _figures(stage, rest, model, nominal, moved=moved)
         except FlexstageError as error:
             values[i], faults[i] = np.nan, str(error)
     return Evaluated(figures=tuple(figures), values=values, faults=tuple(faults))
@@ -318,7 +327,9 @@ def _evaluate_batch(
         values[list(stages), k] = characteristics[figures[k].key]
 
 
-def _figures(stage: Stage, figures: Collection[Figure], model: str, nominal: Stage) -> list[float]:
+def _figures(
+    stage: Stage, figures: Collection[Figure], model: str, nominal: Stage, *, moved: bool
+) -> list[float]:
     """Return figures of one stage by an analysis, or by the lumped model alone if that suffices.
 
     The described stage is the reference of superelements, on every worker.
@@ -330,7 +341,11 @@ def _figures(stage: Stage, figures: Collection[Figure], model: str, nominal: Sta
         if need_a_model({quantity for quantity, _ in keys}):
             system = lumped_system(stage)
     else:
-        analysis = analyse_model(stage, model, near=nominal)
+        analysis = (
+            analyse_moved(stage, model, nominal)
+            if moved
+            else analyse_model(stage, model, near=nominal)
+        )
         system = analysis.system
         rows = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
     rows |= stage_figures(stage, system, keys)

@@ -173,6 +173,7 @@ class _Fit:
         self.spread = np.array([o.spread for o in observations])
         self.target = self.scaled(np.array([o.value for o in observations])) / self.spread
         self.correction = correction or Correction.none(self.size, len(self.observations))
+        self._last: tuple[Array, Array, Array] | None = None
 
     def scaled(self, values: Array) -> Array:
         """Return values, or their logarithms."""
@@ -200,10 +201,17 @@ class _Fit:
         residual = self.residual(x)
         return residual if np.isfinite(residual).all() else np.full(residual.size, math.inf)
 
+    def coarse_slopes(self, x: Array) -> tuple[Array, Array]:
+        """Return the lumped figures (n,) and their derivatives (n, p); 0 if the model lacks one."""
+        # the last ones again where a search continues with another correction
+        if self._last is None or not np.array_equal(self._last[0], x):
+            values, slopes = jacobian(self.stages.family, self.stages.points(x), self.figures)
+            rates = self.stages.rates(x)
+            self._last = x.copy(), np.nan_to_num(values), np.nan_to_num(slopes) * rates
+        return self._last[1:]
+
     def jacobian(self, x: Array) -> Array:
-        values, slopes = jacobian(self.stages.family, self.stages.points(x), self.figures)
-        slopes = np.nan_to_num(slopes) * self.stages.rates(x)
-        values, slopes = self.correction.of_slopes(x, np.nan_to_num(values), slopes)
+        values, slopes = self.correction.of_slopes(x, *self.coarse_slopes(x))
         return rows_of(slopes, values, self.logarithmic) / self.spread[:, None]
 
     def search(self, start: Array) -> tuple[Array, Array]:
@@ -343,8 +351,7 @@ def reconstruct(
     posterior = Posterior.of(whitened)
     feasible = best
     if model != "lumped":
-        coarse, coarse_slopes = _coarse(fit, best)
-        fit.correction = _exact(best, coarse, coarse_slopes, values[at], slopes[at])
+        fit.correction = _exact(best, *fit.coarse_slopes(best), values[at], slopes[at])
         feasible, centre = fit.search(best)
         values = stages.near(best).figures(feasible[None], figures, model)[0]
     middle = scaled(values, logarithmic) + rows @ (centre - feasible)
@@ -423,24 +430,40 @@ def _slopes(
 ) -> tuple[Array, Array]:
     """Return figures (f,) and their derivatives by the coordinates (f, p).
 
-    Those of superelements are one-sided difference quotients, towards the side that has a stage.
+    Those of superelements are one-sided difference quotients, towards the side that has a stage,
+    on meshes that move with the bodies.
     """
     if model == "lumped":
         values, slopes = jacobian(stages.family, stages.points(z), figures, model)
         return values, slopes * stages.rates(z)
-    steps = np.array([_step(stages, z, j) for j in range(z.size)])
-    moved = np.vstack([z, z + np.diag(steps)])
-    values = _evaluated(stages.near(z), moved, figures, model, workers, "derivatives")
-    base, others = values[0], values[1:]
-    if not np.isfinite(base).all():
+    values = stages.near(z).figures(z[None], figures, model)[0]
+    if not np.isfinite(values).all():
         raise ModelError("the most probable stage has no superelement model: change the prior")
+    steps = np.array([_step(stages, z, j) for j in range(z.size)])
+    around = stages.points(np.vstack([z, z + np.diag(steps)]))
+    job = Job(
+        name="derivatives",
+        work=_on_moved_meshes,
+        payload=(stages.near(z).family, around, figures, model),
+        count=len(around),
+        batch=1,
+    )
+    base, *others = workers.run(job)["values"]
     slopes = np.divide(
-        others - base,
+        np.array(others) - base,
         steps[:, None],
-        out=np.zeros_like(others),
+        out=np.zeros((z.size, len(figures))),
         where=steps[:, None] != 0.0,
     )
-    return base, np.nan_to_num(slopes).T
+    return values, np.nan_to_num(slopes).T
+
+
+def _on_moved_meshes(
+    payload: tuple[Family, Array, tuple[Figure, ...], str], start: int, stop: int
+) -> dict[str, Array]:
+    """Evaluate a batch of points on the meshes of the described stage, moved."""
+    family, points, figures, model = payload
+    return {"values": evaluate(family, points[start:stop], figures, model, moved=True).values}
 
 
 def _step(stages: _Stages, z: Array, j: int) -> float:
@@ -470,12 +493,6 @@ def _evaluated(
         batch=1 if model != "lumped" else len(z),
     )
     return workers.run(job)["values"]
-
-
-def _coarse(fit: _Fit, z: Array) -> tuple[Array, Array]:
-    """Return the lumped figures (n,) and their derivatives (n, p); 0 if the model lacks one."""
-    values, slopes = jacobian(fit.stages.family, fit.stages.points(z), fit.figures)
-    return np.nan_to_num(values), np.nan_to_num(slopes) * fit.stages.rates(z)
 
 
 def _exact(z: Array, coarse: Array, slopes: Array, fine: Array, fine_slopes: Array) -> Correction:
