@@ -367,7 +367,9 @@ class Page:
         line = command.line.partition("  #")[0].strip()
         if not line or line.startswith(("#", *_OURS)) or any(word in line for word in _THEIRS):
             return
-        if any(word in line for word in _LONG) != self.long and line.startswith("flexstage"):
+        # what writes a stage is needed by the long commands as well
+        short = line.startswith("flexstage") and not line.startswith("flexstage new")
+        if short and any(word in line for word in _LONG) != self.long:
             return
         made = [name for name in self.given if name in line]
         for name in made:
