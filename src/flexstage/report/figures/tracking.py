@@ -324,8 +324,8 @@ def _command_loop(axes: "Axes", feedforward: "Feedforward", model: "DriveModel")
 def draw_settling(study: "SettlingStudy") -> "Figure":
     """Draw the largest distance from the end that is still to come, for each move.
 
-    Open loop on the left, with feedback on the right; predictions are continuous, simulations
-    dashed.
+    Open loop on the left, with feedback on the right; predictions are narrow lines, simulations
+    wide and pale ones.
     """
     figure, diagrams = panels(10.6, 4.2, 2, 2, sharey=True)
     for axes, feedback in zip(diagrams, (False, True), strict=True):
@@ -340,7 +340,7 @@ def draw_settling(study: "SettlingStudy") -> "Figure":
         axes.set(xscale="log", yscale="log", xlabel="time [ms]")
         axes.set_xlim(left=1e3 * min(m.duration for m in study.moves if m.open_loop))
         axes.set_ylim(0.1 * NM * study.band, 2.0 * NM * study.distance)
-    set_title(diagrams[0], "open loop, without creep")
+    set_title(diagrams[0], "open loop, without creep (wide, pale: simulated)")
     set_title(diagrams[1], "with feedback and creep")
     diagrams[0].set(ylabel="distance from the end [nm]")
     add_legend(diagrams[1], loc="upper right")
