@@ -187,7 +187,7 @@ def test_what_is_no_sample_and_no_question_is_refused() -> None:
         {"length": "nan"},
         {"length": "-1"},
         {"end": "inf"},
-        {"mode": "polar"},
+        {"mode": "radar"},
         {"end": "-1e308"},
     )
     for asked in ({}, {"mode": "time"}, *(TEN_SECONDS | more for more in wrong)):

@@ -64,7 +64,7 @@ async def require_answers(user: Any, panel: Any) -> None:
     assert answer.headers["content-type"].startswith("text/plain")
     assert answer.text == "a spectrum needs 64 samples, got 21"
     known = {"generation": f"{history.generation}", "tier": "0", "after": "1e999"}
-    for wrong in ({"mode": "polar"}, {"length": "long"}, {"length": "0"}, known):
+    for wrong in ({"mode": "radar"}, {"length": "long"}, {"length": "0"}, known):
         assert (await ask(address, params=ASKED | wrong)).status_code == 400
     assert (await ask("/live/none", params=ASKED)).status_code == 204
     assert (await user.http_client.post(address, params=ASKED)).status_code == 403
