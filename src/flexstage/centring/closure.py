@@ -108,8 +108,11 @@ def dual_closure(
 
     The common offset c absorbs the drift from one setting to the next. With all n settings a face
     has the variance s^2 (n - 1)/n^2, and any two the covariance -s^2/n^2. An order k has in S
-    settings the variance S s^2 / (n (S^2 - |sum_s w^(k s)|^2)), w = exp(2 pi j / n): settings whose
-    differences are all different make it flat, such as 0, 1, 4, 6 of 12.
+    settings the variance
+
+    .. math:: \frac{S s^2}{n\,(S^2 - |\sum_s w^{ks}|^2)}, \qquad w = e^{2\pi j/n},
+
+    which settings whose differences are all different make flat, such as 0, 1, 4, 6 of 12.
 
     Parameters
     ----------
