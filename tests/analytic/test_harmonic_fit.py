@@ -9,6 +9,8 @@ cover 92.3 to 99 %, *simulated*, *slow*
 Evidence (Measuring and centring): error motions of ISO 230-7 (Fourier sums, loops): $10^{-9}$
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -278,6 +280,31 @@ def test_few_readings_are_not_their_own_outliers():
     theta, y = records[0]
     y[17] += 300.0
     assert [o.index for o in fit_harmonics(theta, y).outliers] == [17]
+
+
+def test_rounded_readings_are_no_more_certain_than_their_resolution():
+    # readings that are symmetric leave no residual, though each is rounded to a whole micrometre
+    theta = np.arange(12) * np.pi / 6
+    read = [
+        HeadReadings(angle=theta, error=1e-6 * np.rint(size * np.cos(theta))) for size in (10, 37)
+    ]
+    symmetric, other = (run_out(r) for r in read)
+    assert symmetric.fits[0].residual_rms < 1e-18
+    least = 1e-6 / np.sqrt(12) * np.sqrt(2 / 12)
+    for centre in (symmetric, other):
+        assert centre.amplitude.uncertainty >= 0.999 * least
+    low, high = symmetric.amplitude.interval()
+    assert low < 10e-6 < high
+    # another indicator beside it is as certain as before
+    pair = run_out([read[0], replace(read[1], head_angle=np.pi / 2)])
+    assert least / 2 < pair.amplitude.uncertainty < 4 * least
+
+
+@pytest.mark.parametrize("turns", [1, 2])
+def test_one_turn_says_that_it_shows_no_slow_drift(turns):
+    theta = np.arange(360 * turns) * np.pi / 180
+    fit = fit_harmonics(theta, np.cos(theta) + stream(44).normal(0.0, 0.1, theta.size), orders=4)
+    assert any("drift slower than a turn" in note for note in fit.notes) == (turns == 1)
 
 
 def test_errors_of_one_scale_are_those_of_all_its_heads():
