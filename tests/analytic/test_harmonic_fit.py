@@ -29,9 +29,12 @@ from flexstage.centring import (
     mean_turn,
     run_out,
 )
+from flexstage.centring.from_records import centre_records
 from flexstage.centring.geometry import exact_run_out
 from flexstage.centring.harmonic_fit import direction_estimate, length_estimate, scale_harmonic
+from flexstage.centring.requests import CentreRequest
 from flexstage.centring.turns import find_turns, unwrap_error
+from flexstage.records import Channel, Record
 from tests.tiers import limits, sizes
 
 R = 51e-3
@@ -298,6 +301,28 @@ def test_rounded_readings_are_no_more_certain_than_their_resolution():
     # another indicator beside it is as certain as before
     pair = run_out([read[0], replace(read[1], head_angle=np.pi / 2)])
     assert least / 2 < pair.amplitude.uncertainty < 4 * least
+
+
+def test_equal_readings_have_the_resolution_of_other_turns():
+    theta = np.arange(12) * np.pi / 6
+
+    def turn(dial):
+        values = (theta, 1e-6 * dial)
+        channels = (
+            Channel(name=name, values=v, unit=unit)
+            for name, v, unit in zip(("angle", "dial"), values, ("rad", "m"), strict=True)
+        )
+        return Record(channels=tuple(channels), time=np.arange(12.0), over="point")
+
+    request = CentreRequest(angle="angle", error=("dial",))
+    still = turn(np.full(12, 3.0))
+    alone = centre_records([still], request)
+    assert any("all readings of column 'dial' are equal" in note for note in alone.notes)
+    after = centre_records([turn(np.rint(10.0 * np.cos(theta))), still], request)
+    assert not any("are equal" in note for note in after.notes)
+    low, high = after.reports[1]["eccentricity"]["interval"]
+    assert low == 0.0
+    assert 0.1e-6 < high < 1e-6
 
 
 @pytest.mark.parametrize("turns", [1, 2])
