@@ -99,6 +99,7 @@ _SOURCES: dict[Source, tuple[str, str]] = {
 _UNITS = {"": "unit in the file", "deg": "deg", "rad": "rad", "arcsec": "arcsec", "turn": "turn"}
 #: Files of a certificate, with the texts of their links.
 _CERTIFICATE = {"report.html": "Save the page", "results.json": "Save the results (JSON)"}
+_LEAST = 1e-15  # uncertainty that a reading has [m]
 _NO_TURN = "Measure a turn in the step Records."
 _YAML = (".yaml", ".yml")
 #: Folder of uploaded files: their names may be those of the table and of measured turns.
@@ -656,7 +657,9 @@ class CentringView:
         eccentricity = result.setups[-1].get("eccentricity")
         if state.studied is None or eccentricity is None:
             return
-        if eccentricity["interval"][1] <= state.studied.study.allowed:
+        # equal readings have no resolution, and no uncertainty
+        is_known = eccentricity["uncertainty"] > _LEAST
+        if is_known and eccentricity["interval"][1] <= state.studied.study.allowed:
             ui.label("The scale is centred: the table allows this eccentricity.").classes(
                 "issue good"
             )
