@@ -1,7 +1,7 @@
 """Fitted harmonics over the turn, of one head or of several, with uncertainty."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -350,6 +350,13 @@ _ONE_TURN = (
     "one turn does not show a drift slower than a turn, and the intervals leave it out: record two "
     "turns or more"
 )
+
+
+def distinct_notes(notes: Iterable[str]) -> tuple[str, ...]:
+    """Return each note once, and what one turn does not show in one of them."""
+    distinct = tuple(dict.fromkeys(notes))
+    wider = any(note.startswith(_UNKNOWN) or note.endswith(f"; {_ONE_TURN}") for note in distinct)
+    return tuple(note for note in distinct if not (wider and note == _ONE_TURN))
 
 
 def fit_result(

@@ -15,7 +15,12 @@ from flexstage.centring.eccentricity import (
     with_resolution,
 )
 from flexstage.centring.geometry import ARCSEC
-from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit, scale_harmonic
+from flexstage.centring.harmonic_fit import (
+    Harmonic,
+    HarmonicFit,
+    distinct_notes,
+    scale_harmonic,
+)
 from flexstage.centring.harmonics import fit_harmonics
 from flexstage.files.plain import picked
 from flexstage.quantities.estimate import Estimate
@@ -102,7 +107,7 @@ def fit_setup(
         with_all=[scale_harmonic(fits_with_all, alphas, n) for n in shared] if both else None,
         centre_with_all=centre_of_scale(False) if both and centre is not None else None,
         like_magnet=like_magnet,
-        notes=tuple(dict.fromkeys(notes)),
+        notes=distinct_notes(notes),
     )
 
 

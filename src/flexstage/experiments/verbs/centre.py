@@ -205,6 +205,7 @@ class Centre(Verb):
         )
 
     def run(self, context: RunContext, name: str) -> list[Path]:
+        from flexstage.centring.harmonic_fit import distinct_notes
         from flexstage.centring.procedure import centre
         from flexstage.experiments.command import move_to_rest
         from flexstage.virtual.table import VirtualBench
@@ -254,7 +255,7 @@ class Centre(Verb):
             reached=centring.reached,
             reason=centring.reason,
             moves=tuple(moves),
-            notes=_NOTES if self.records is None else tuple(dict.fromkeys(remarks)),
+            notes=_NOTES if self.records is None else distinct_notes(remarks),
         )
         target = context.folder / "records" / f"{name}.json"
         target.parent.mkdir(parents=True, exist_ok=True)
