@@ -308,6 +308,23 @@ def test_rounded_readings_are_no_more_certain_than_their_resolution():
     assert least / 2 < pair.amplitude.uncertainty < 4 * least
 
 
+def test_a_coarse_head_leaves_a_fine_one_as_certain_as_it_is():
+    theta = np.arange(36) * np.pi / 18
+    alphas, steps = (0.2, 1.9), (2e-4, 1e-6)
+    heads = [
+        HeadReadings(
+            angle=theta,
+            error=step * np.rint(exact_error(theta, E, R, head_angle=alpha) / step),
+            head_angle=alpha,
+        )
+        for alpha, step in zip(alphas, steps, strict=True)
+    ]
+    both = eccentricity(heads, radius=R, orders=2)
+    coarse, fine = (f.harmonic(1).cosine.uncertainty for f in both.fits)
+    assert coarse == pytest.approx(2e-4 / np.sqrt(12 * 18), rel=0.5)
+    assert fine < 0.1 * coarse
+
+
 def test_equal_readings_have_the_resolution_of_other_turns():
     theta = np.arange(12) * np.pi / 6
 

@@ -633,7 +633,7 @@ def _fitted(
     first, unit = heads[0].angle, "m" if radial else "rad"
     together = all(h.angle is first or np.array_equal(h.angle, first) for h in heads)
     # records of heads are long: one pass for all of them
-    if together and not radial:
+    if together and not radial and len({h.resolution for h in heads}) == 1:
         columns = np.column_stack([h.error for h in heads])
         fits = list(
             fit_many(
@@ -643,7 +643,7 @@ def _fitted(
                 robust=robust,
                 unit=unit,
                 least_outlier=max(h.least_outlier for h in heads),
-                resolution=max(h.resolution or 0.0 for h in heads),
+                resolution=heads[0].resolution or 0.0,
             )
         )
     else:
