@@ -9,6 +9,8 @@ cover 92.3 to 99 %, *simulated*, *slow*
 Evidence (Measuring and centring): error motions of ISO 230-7 (Fourier sums, loops): $10^{-9}$
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -27,9 +29,17 @@ from flexstage.centring import (
     mean_turn,
     run_out,
 )
+from flexstage.centring.from_records import centre_records
 from flexstage.centring.geometry import exact_run_out
-from flexstage.centring.harmonic_fit import direction_estimate, length_estimate, scale_harmonic
+from flexstage.centring.harmonic_fit import (
+    direction_estimate,
+    distinct_notes,
+    length_estimate,
+    scale_harmonic,
+)
+from flexstage.centring.requests import CentreRequest
 from flexstage.centring.turns import find_turns, unwrap_error
+from flexstage.records import Channel, Record
 from tests.tiers import limits, sizes
 
 R = 51e-3
@@ -278,6 +288,75 @@ def test_few_readings_are_not_their_own_outliers():
     theta, y = records[0]
     y[17] += 300.0
     assert [o.index for o in fit_harmonics(theta, y).outliers] == [17]
+
+
+def test_rounded_readings_are_no_more_certain_than_their_resolution():
+    # readings that are symmetric leave no residual, though each is rounded to a whole micrometre
+    theta = np.arange(12) * np.pi / 6
+    read = [
+        HeadReadings(angle=theta, error=1e-6 * np.rint(size * np.cos(theta))) for size in (10, 37)
+    ]
+    symmetric, other = (run_out(r) for r in read)
+    assert symmetric.fits[0].residual_rms < 1e-18
+    least = 1e-6 / np.sqrt(12) * np.sqrt(2 / 12)
+    for centre in (symmetric, other):
+        assert centre.amplitude.uncertainty >= 0.999 * least
+    low, high = symmetric.amplitude.interval()
+    assert low < 10e-6 < high
+    # another indicator beside it is as certain as before
+    pair = run_out([read[0], replace(read[1], head_angle=np.pi / 2)])
+    assert least / 2 < pair.amplitude.uncertainty < 4 * least
+
+
+def test_a_coarse_head_leaves_a_fine_one_as_certain_as_it_is():
+    theta = np.arange(36) * np.pi / 18
+    alphas, steps = (0.2, 1.9), (2e-4, 1e-6)
+    heads = [
+        HeadReadings(
+            angle=theta,
+            error=step * np.rint(exact_error(theta, E, R, head_angle=alpha) / step),
+            head_angle=alpha,
+        )
+        for alpha, step in zip(alphas, steps, strict=True)
+    ]
+    both = eccentricity(heads, radius=R, orders=2)
+    coarse, fine = (f.harmonic(1).cosine.uncertainty for f in both.fits)
+    assert coarse == pytest.approx(2e-4 / np.sqrt(12 * 18), rel=0.5)
+    assert fine < 0.1 * coarse
+
+
+def test_equal_readings_have_the_resolution_of_other_turns():
+    theta = np.arange(12) * np.pi / 6
+
+    def turn(dial):
+        values = (theta, 1e-6 * dial)
+        channels = (
+            Channel(name=name, values=v, unit=unit)
+            for name, v, unit in zip(("angle", "dial"), values, ("rad", "m"), strict=True)
+        )
+        return Record(channels=tuple(channels), time=np.arange(12.0), over="point")
+
+    request = CentreRequest(angle="angle", error=("dial",))
+    still = turn(np.full(12, 3.0))
+    alone = centre_records([still], request)
+    assert any("all readings of column 'dial' are equal" in note for note in alone.notes)
+    after = centre_records([turn(np.rint(10.0 * np.cos(theta))), still], request)
+    assert not any("are equal" in note for note in after.notes)
+    low, high = after.reports[1]["eccentricity"]["interval"]
+    assert low == 0.0
+    assert 0.1e-6 < high < 1e-6
+
+
+@pytest.mark.parametrize("turns", [1, 2])
+def test_one_turn_says_that_it_shows_no_slow_drift(turns):
+    theta = np.arange(360 * turns) * np.pi / 180
+    fit = fit_harmonics(theta, np.cos(theta) + stream(44).normal(0.0, 0.1, theta.size), orders=4)
+    about_drift = [note for note in fit.notes if "drift slower than a turn" in note]
+    assert len(about_drift) == (turns == 1)
+    # a record with slow noise says more, and a result says it once
+    walk = fit_harmonics(theta, np.cumsum(stream(45).normal(0.0, 0.1, theta.size)), orders=4)
+    notes = distinct_notes((*fit.notes, *walk.notes, *fit.notes))
+    assert sum("drift slower than a turn" in note for note in notes) == (turns == 1)
 
 
 def test_errors_of_one_scale_are_those_of_all_its_heads():

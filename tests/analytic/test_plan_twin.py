@@ -220,6 +220,8 @@ def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatc
     assert left[0] == pytest.approx(np.hypot(14e-6, 11e-6), rel=1e-6)
     assert left[-1] < 0.2e-6
     assert len(left) == len(step.moves)
+    # the report says what the records leave open, once
+    assert [note.count("graduation error") for note in step.notes].count(1) == 1
     assert "simulated" not in step.line
     assert all(move.true_length is None for move in step.moves)
     step = (

@@ -20,6 +20,7 @@ import scipy.linalg
 import scipy.sparse
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, Mesh, MeshPoint, Pnt
 
+from flexstage.base.arrays import Array
 from flexstage.base.errors import HingeError, ModelError, StageError
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
@@ -540,6 +541,18 @@ def test_a_moved_mesh_is_similar_where_its_outline_is() -> None:
     places = [np.array([v.point for v in made.vertices]) for made in (mesh, moved)]
     np.testing.assert_allclose(places[1], 1.1 * places[0], atol=1e-9)
     assert ng.Integrate(1.0, moved) == pytest.approx(1.21 * ng.Integrate(1.0, mesh), rel=1e-9)
+
+
+@pytest.mark.parametrize("sweep", [0.7, math.pi, 4.6])
+def test_points_keep_their_share_of_an_arc(sweep: float) -> None:
+    def arc(radius: float, start: float, angle: float, count: int) -> Array:
+        at = np.linspace(start, start + angle, count)
+        return np.column_stack((1.0 + radius * np.cos(at), radius * np.sin(at) - 2.0))
+
+    moved = plane_meshes._moved_along(
+        arc(2.0, 0.3, sweep, 3), arc(3.1, -0.4, 1.1 * sweep, 3), arc(2.0, 0.3, sweep, 9)
+    )
+    np.testing.assert_allclose(moved, arc(3.1, -0.4, 1.1 * sweep, 9), atol=1e-7)
 
 
 def test_a_mesh_does_not_move_to_another_form() -> None:

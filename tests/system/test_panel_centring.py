@@ -215,7 +215,12 @@ def test_typed_readings_of_a_gauge_say_the_runout(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"), [("1 2 3", "at least 8 readings"), ("a b", "numbers separated by spaces")]
+    ("text", "told"),
+    [
+        ("1 2 3", "at least 8 readings"),
+        ("a b", "numbers separated by spaces"),
+        ("1 2 3 4 5 6 7 8 nan", "finite"),
+    ],
 )
 def test_readings_that_are_none_are_refused(tmp_path: Path, text: str, told: str) -> None:
     with pytest.raises(RecordError, match=told):
@@ -251,6 +256,39 @@ def test_a_turn_is_found_again_after_a_reload(tmp_path: Path) -> None:
         await user.open("/centring")
         await user.should_see("1 start")
         await user.should_see("Move in x")
+
+    simulated(tmp_path, look)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_uploaded_records_never_replace_measured_turns(tmp_path: Path) -> None:
+    """A laboratory calls its records what the view calls its own: each turn stays what it was."""
+    from nicegui import ui
+    from nicegui.elements.upload_files import SmallFileUpload
+
+    def content(size: int) -> bytes:
+        turn = np.arange(36) * 10.0
+        errors = size * 1e-3 * np.sin(np.radians(turn))
+        rows = (f"{t:g},{e:.9f}" for t, e in zip(turn, errors, strict=True))
+        return "\n".join(("angle,h1", *rows)).encode()
+
+    async def look(user: Any, panel: Any) -> None:
+        await user.open("/centring")
+        (session,) = panel.access._sessions.values()
+        state = session.state(CentringState)
+        state.begin("records")
+        await user.open("/centring")
+        user.find("3 Records").click()
+        for count in (1, 2, 3):
+            await user.should_see("Record of a turn: drop it here")
+            (field,) = (
+                e
+                for e in user.find(ui.upload).elements
+                if str(e.props.get("label", "")).startswith("Record of a turn")
+            )
+            await field.handle_uploads([SmallFileUpload(f"turn-{count}.csv", "", content(count))])
+            await come(lambda count=count: len(state.turns) == count)
+        assert [turn.file.read_bytes() for turn in state.turns] == [content(k) for k in (1, 2, 3)]
 
     simulated(tmp_path, look)
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError, RecordError
@@ -154,10 +155,10 @@ def _covariance(fits: Sequence[HarmonicFit], table: Array | None) -> Array:
         one = [densities([n], _FIRST)[0][0][0] for n in spectra]
         together = [d[0] for d in densities(spectra, _FIRST)[0]]
         blocks = [b * t / o for b, t, o in zip(blocks, together, one, strict=True)]
-    elif table is not None and m > 1 and all(f.residual_rms > 0.0 for f in fits):
+    elif table is not None and m > 1 and all(f.noise_rms > 0.0 for f in fits):
         # all heads together show the correlation of noise best: by chance one would weigh too much
-        pooled = np.mean([b / f.residual_rms**2 for b, f in zip(blocks, fits, strict=True)], axis=0)
-        blocks = [f.residual_rms**2 * pooled for f in fits]
+        pooled = np.mean([b / f.noise_rms**2 for b, f in zip(blocks, fits, strict=True)], axis=0)
+        blocks = [f.noise_rms**2 * pooled for f in fits]
     shared = np.eye(m)
     if table is not None and m > 1:
         parts, least = _residual_parts(fits, table)
@@ -208,7 +209,7 @@ def _pooled_freedom(fits: Sequence[HarmonicFit]) -> float:
     """Degrees of freedom of the mean of the relative variances of all heads."""
     harmonics = [f.harmonic(1) for f in fits]
     relative = [
-        float(np.trace(h.covariance)) / (f.residual_rms**2 or 1.0)
+        float(np.trace(h.covariance)) / (f.noise_rms**2 or 1.0)
         for h, f in zip(harmonics, fits, strict=True)
     ]
     return _satterthwaite(relative, [h.cosine.degrees_of_freedom for h in harmonics])
@@ -407,10 +408,55 @@ class HeadReadings:
     """Source file."""
     step: float = 0.0
     """Step of a code [rad]; 0 if the readings are no codes."""
+    resolution: float | None = None
+    """Step of the readings, in their unit; None if it follows from the readings."""
+
+    @property
+    def least_outlier(self) -> float:
+        """Deviation up to which a reading next to codes that are never read is no outlier."""
+        return _CODES * self.step
 
 
 #: Steps of a code by which a reading may deviate next to codes that are never read.
 _CODES = 8.0
+
+
+def with_resolution(heads: Sequence[HeadReadings]) -> list[HeadReadings]:
+    """Return readings with their resolution; rounding can leave no residual that shows it."""
+    return [
+        h if h.resolution is not None else replace(h, resolution=max(h.step, common_step(h.error)))
+        for h in heads
+    ]
+
+
+def common_step(values: ArrayLike) -> float:
+    """Return the largest step of which all differences of a few values are multiples.
+
+    It is 0 if there is none, and for more than a few hundred values, whose residuals show it.
+
+    Examples
+    --------
+    >>> print(f"{common_step([1.5, -0.5, 3.0, 2.0]):.3f} {common_step([0.0, 1.0, 2.0**0.5]):.3f}")
+    0.500 0.000
+    """
+    # most values; rounding errors, and the least step, over the span of the values
+    most, rounding, least = 400, 1e-9, 1e-6
+    y = np.asarray(values, dtype=np.float64)
+    if not 1 < y.size <= most or not np.isfinite(y).all():
+        return 0.0
+    span = float(np.ptp(y))
+    limit = rounding * span
+    # Euclid's algorithm, with remainders of either sign
+    step = 0.0
+    for part in np.unique(y - y.min()):
+        a, b = float(part), step
+        while b > limit:
+            a, b = b, abs(math.remainder(a, b))
+        if a > limit:
+            step = a
+        if 0.0 < step < least * span:
+            return 0.0
+    return step
 
 
 def eccentricity(
@@ -537,7 +583,7 @@ def _listed(
                 f"{head} {i + 1} must have one {value} for each angle, got shapes {h.error.shape} "
                 f"and {h.angle.shape}"
             )
-    return heads
+    return with_resolution(heads)
 
 
 def _beginnings(heads: Sequence[HeadReadings]) -> list[HeadReadings]:
@@ -587,11 +633,18 @@ def _fitted(
     first, unit = heads[0].angle, "m" if radial else "rad"
     together = all(h.angle is first or np.array_equal(h.angle, first) for h in heads)
     # records of heads are long: one pass for all of them
-    if together and not radial:
+    if together and not radial and len({h.resolution for h in heads}) == 1:
         columns = np.column_stack([h.error for h in heads])
-        least = _CODES * max(h.step for h in heads)
         fits = list(
-            fit_many(first, columns, orders=orders, robust=robust, unit=unit, least_outlier=least)
+            fit_many(
+                first,
+                columns,
+                orders=orders,
+                robust=robust,
+                unit=unit,
+                least_outlier=max(h.least_outlier for h in heads),
+                resolution=heads[0].resolution or 0.0,
+            )
         )
     else:
         fits = [
@@ -601,7 +654,8 @@ def _fitted(
                 orders=orders,
                 robust=robust,
                 unit=unit,
-                least_outlier=_CODES * h.step,
+                least_outlier=h.least_outlier,
+                resolution=h.resolution or 0.0,
             )
             for h in heads
         ]

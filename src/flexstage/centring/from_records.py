@@ -11,7 +11,7 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
 from flexstage.centring.calibration_moves import calibrate_moves
-from flexstage.centring.eccentricity import HeadReadings
+from flexstage.centring.eccentricity import HeadReadings, with_resolution
 from flexstage.centring.requests import MAGNET, CentreRequest, TurnRequest
 from flexstage.centring.setup import Setup, change, fit_setup, joined, report
 from flexstage.centring.table_file import read_table
@@ -274,6 +274,7 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
         head_of(record, name, options, alpha * mirror)
         for (record, name), alpha in zip(pairs, at, strict=True)
     ]
+    equal_notes, heads = _equal_readings(heads)
     together = len(records) > 1 and len(options.heads) == len(heads)
     size = len(heads) if together else len(names)
     setups = [_fit(heads[i : i + size], options) for i in range(0, len(heads), size)]
@@ -296,9 +297,32 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
             *(note for r in records for note in r.notes),
             *(note for record, name in pairs for note in _code_notes(record, name, options)),
             *unit_warnings([head for head, _ in heads]),
+            *equal_notes,
         ),
         trial=None if not moves else calibrate_moves(setups, moves, options.kind),
     )
+
+
+def _equal_readings(
+    heads: list[tuple[HeadReadings, bool]],
+) -> tuple[list[str], list[tuple[HeadReadings, bool]]]:
+    """Return heads with the resolution of columns of equal readings, and notes if it is unknown.
+
+    It is that of the same column in other records.
+    """
+    notes, out = [], []
+    resolved = with_resolution([head for head, _ in heads])
+    for head, (_, radial) in zip(resolved, heads, strict=True):
+        if not head.resolution and float(np.ptp(head.error)) == 0.0:
+            others = [h.resolution for h in resolved if h.name == head.name and h.resolution]
+            if not others:
+                notes.append(
+                    f"all readings of column '{head.name}' are equal: their resolution is unknown, "
+                    "and the uncertainty omits it"
+                )
+            head = replace(head, resolution=min(others, default=0.0))  # noqa: PLW2901
+        out.append((head, radial))
+    return notes, out
 
 
 def _fit(readings: list[tuple[HeadReadings, bool]], options: CentreRequest) -> Setup:

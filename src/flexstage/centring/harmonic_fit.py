@@ -1,7 +1,7 @@
 """Fitted harmonics over the turn, of one head or of several, with uncertainty."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -240,6 +240,13 @@ class HarmonicFit:
     """Fit of all samples if more than 1 % of them were rejected; the covariance and the intervals
     then cover both fits.
     """
+    resolution: float = 0.0
+    """Step of the values; 0 if it is unknown."""
+
+    @property
+    def noise_rms(self) -> float:
+        """Standard deviation of the noise of a value, at least that of its resolution."""
+        return max(self.residual_rms, self.resolution / math.sqrt(12.0))
 
     @property
     def orders(self) -> tuple[int, ...]:
@@ -332,12 +339,24 @@ def _harmonic(
 MANY_TURNS = 8
 _CORRELATED = (
     "the residuals are correlated, which increases the uncertainty of low orders: fit more orders "
-    "if they contain harmonics, or measure more turns if they drift",
+    "if they contain harmonics, or measure more turns if they drift"
 )
 _UNKNOWN = (
     "one turn does not tell slow noise from errors of the scale of low orders, and the intervals "
-    "allow for both: measure eight turns or more, or more samples",
+    "allow for both, but not for a drift slower than a turn: measure eight turns or more, or more "
+    "samples"
 )
+_ONE_TURN = (
+    "one turn does not show a drift slower than a turn, and the intervals leave it out: record two "
+    "turns or more"
+)
+
+
+def distinct_notes(notes: Iterable[str]) -> tuple[str, ...]:
+    """Return each note once, and what one turn does not show in one of them."""
+    distinct = tuple(dict.fromkeys(notes))
+    wider = any(note.startswith(_UNKNOWN) or note.endswith(f"; {_ONE_TURN}") for note in distinct)
+    return tuple(note for note in distinct if not (wider and note == _ONE_TURN))
 
 
 def fit_result(
@@ -361,7 +380,9 @@ def fit_result(
             f"{inliers.size} samples without outliers are too few for {c.size} coefficients: fit "
             "fewer orders"
         )
-    square = float(inliers @ inliers) / free
+    rms = float(inliers @ inliers) / free
+    # rounded values can leave no residual: their step has at least a uniform distribution
+    square = max(rms, problem.resolution**2 / 12.0)
     white = square * np.linalg.inv(equations.gram.sum(axis=0))
     # in the order of the samples, with zeros for outliers
     series = residual if keep is None else np.where(keep, residual, 0.0)
@@ -388,12 +409,13 @@ def fit_result(
         drift=drift,
         covariance=covariance[first:, first:],
         residual=residual,
-        residual_rms=math.sqrt(square),
+        residual_rms=math.sqrt(rms),
         samples=int(inliers.size),
         turns=turns.count,
         outliers=_outliers(problem, residual, keep, turns),
         noise=noise,
         spectra=None if problem.drift else spectra,
+        resolution=problem.resolution,
         unit=unit,
         notes=_notes(problem, white, square, turns, inliers.size)
         + _noise_notes(noise, factors[first:], freedom[first:], one_turn=not problem.drift),
@@ -401,17 +423,17 @@ def fit_result(
 
 
 def _noise_notes(noise: str, factors: Array, freedom: Array, *, one_turn: bool) -> tuple[str, ...]:
-    """Return a note if low orders are far less certain than white noise would leave them."""
+    """Return a note on low orders less certain than for white noise, or on what one turn hides."""
     from scipy.special import stdtrit
 
     # variance over that of white noise from which a note reports it
     wide = 6.0
     if noise == "correlated" and float(factors.max()) > wide:
-        return _CORRELATED
-    if noise == "turns" or not one_turn or not factors.size:
+        return (f"{_CORRELATED}; {_ONE_TURN}" if one_turn else _CORRELATED,)
+    if noise == "turns" or not one_turn:
         return ()
     reach = float(np.max(np.sqrt(factors) * stdtrit(freedom, 0.975))) / 1.96
-    return _UNKNOWN if noise == "correlated" or reach > math.sqrt(wide) else ()
+    return (_UNKNOWN if noise == "correlated" or reach > math.sqrt(wide) else _ONE_TURN,)
 
 
 def covering_both(fit: HarmonicFit, with_all: HarmonicFit) -> HarmonicFit:
@@ -497,6 +519,7 @@ def _noise_of_residuals(
     if noise is None:
         return plain
     density, freedom, is_white, spectra = noise
+    density = np.maximum(density, problem.resolution**2 / 12.0)
     return density / square, freedom, "white" if is_white else "correlated", spectra
 
 

@@ -28,6 +28,7 @@ def fit_harmonics(
     robust: bool = True,
     unit: str = "rad",
     least_outlier: float = 0.0,
+    resolution: float = 0.0,
 ) -> HarmonicFit:
     r"""Fit harmonics of the turn to values at any angles.
 
@@ -56,6 +57,8 @@ def fit_harmonics(
         Unit of the values.
     least_outlier : float
         Deviation up to which no sample is an outlier, such as a few steps of a code.
+    resolution : float
+        Step of the values, which bounds their noise from below: 1/sqrt(12) of it.
 
     Returns
     -------
@@ -92,8 +95,9 @@ def fit_harmonics(
     if y.ndim != 1:
         raise RecordError(f"the values must be one column, got shape {y.shape}")
     return fit_many(
-        angle, y[:, None], orders=orders, robust=robust, unit=unit, least_outlier=least_outlier
-    )[0]
+        angle, y[:, None], orders=orders, robust=robust, unit=unit, least_outlier=least_outlier,
+        resolution=resolution,
+    )[0]  # fmt: skip
 
 
 def fit_many(
@@ -104,6 +108,7 @@ def fit_many(
     robust: bool = True,
     unit: str = "rad",
     least_outlier: float = 0.0,
+    resolution: float = 0.0,
 ) -> tuple[HarmonicFit, ...]:
     """Fit harmonics of the turn to several columns that share their angles.
 
@@ -123,6 +128,8 @@ def fit_many(
         Unit of the values.
     least_outlier : float
         Deviation up to which no sample is an outlier.
+    resolution : float
+        Step of the values.
 
     Returns
     -------
@@ -163,6 +170,7 @@ def fit_many(
     problem = HarmonicProblem(
         u=turns.angle / _TURN - shift, y=y, orders=fitted_orders, drift=with_drift,
         middle=middle - shift, bounds=turns.bounds if len(turns.bounds) > MANY_TURNS else None,
+        resolution=resolution,
     )  # fmt: skip
     equations = problem.sums(None)
     coefficients = solved(equations, fitted_orders)

@@ -162,6 +162,8 @@ class HarmonicProblem:
     """Middle of the angles [turn], at which the offset is defined."""
     bounds: Sequence[int] | None
     """First sample of each turn and, at the end, the number of samples; None for one group."""
+    resolution: float = 0.0
+    """Step of the values."""
 
     def column(self, j: int) -> "HarmonicProblem":
         """Return the problem of one column alone."""

@@ -7,9 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.centring.eccentricity import Eccentricity, HeadReadings, eccentricity, run_out
+from flexstage.centring.eccentricity import (
+    Eccentricity,
+    HeadReadings,
+    eccentricity,
+    run_out,
+    with_resolution,
+)
 from flexstage.centring.geometry import ARCSEC
-from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit, scale_harmonic
+from flexstage.centring.harmonic_fit import (
+    Harmonic,
+    HarmonicFit,
+    distinct_notes,
+    scale_harmonic,
+)
 from flexstage.centring.harmonics import fit_harmonics
 from flexstage.files.plain import picked
 from flexstage.quantities.estimate import Estimate
@@ -54,7 +65,19 @@ def fit_setup(
     The radius of the scale is in m, `kind` disc, drum or magnet; a disc if None.
     """
     unit = "m" if radial else "rad"
-    fits = [fit_harmonics(h.angle, h.error, orders=orders, robust=robust, unit=unit) for h in heads]
+    heads = with_resolution(heads)
+    fits = [
+        fit_harmonics(
+            h.angle,
+            h.error,
+            orders=orders,
+            robust=robust,
+            unit=unit,
+            least_outlier=h.least_outlier,
+            resolution=h.resolution or 0.0,
+        )
+        for h in heads
+    ]
     alphas = np.array([h.head_angle for h in heads])
     shared = sorted(set.intersection(*(set(f.orders) for f in fits)))
 
@@ -84,7 +107,7 @@ def fit_setup(
         with_all=[scale_harmonic(fits_with_all, alphas, n) for n in shared] if both else None,
         centre_with_all=centre_of_scale(False) if both and centre is not None else None,
         like_magnet=like_magnet,
-        notes=tuple(dict.fromkeys(notes)),
+        notes=distinct_notes(notes),
     )
 
 

@@ -329,9 +329,15 @@ def _numbered(
 def _moved_along(before: Array, after: Array, places: Array) -> Array:
     """Return the places of points of a line or an arc on another one, both by three points."""
     angle, other = _sweep(before), _sweep(after)
-    share = np.hypot(*(places - before[0]).T) / math.dist(before[0], before[2])
+    of_start, of_end = (
+        np.hypot(*(places - end).T) / math.dist(before[0], before[2]) for end in before[[0, 2]]
+    )
+    share = of_start
     if angle:
-        share = 2.0 * np.arcsin(np.minimum(share * math.sin(0.5 * angle), 1.0)) / angle
+        # from the nearer end: chords of more than half a circle become shorter again
+        nearer = np.minimum(of_start, of_end) * math.sin(0.5 * angle)
+        share = 2.0 * np.arcsin(np.minimum(nearer, 1.0)) / angle
+        share = np.where(of_start <= of_end, share, 1.0 - share)
     chord = after[2] - after[0]
     if not other:
         return after[0] + share[:, None] * chord

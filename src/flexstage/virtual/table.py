@@ -604,7 +604,7 @@ class StageOnTable(VirtualStage):
                 f"stage '{stage.stage.name}' must have two axes to carry the scale of a table, "
                 f"got {len(stage.axes)}"
             )
-        self.kind, self._carrier = stage.kind, stage
+        self.kind, self.platform_ratio, self._carrier = stage.kind, stage.platform_ratio, stage
         self._speed = table.axis.speed
         self._matrix = TableMounting(angle=table.mounting_angle).matrix
         direction = float(self._stream(_DIRECTION).uniform(-math.pi, math.pi))

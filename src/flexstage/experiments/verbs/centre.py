@@ -205,17 +205,19 @@ class Centre(Verb):
         )
 
     def run(self, context: RunContext, name: str) -> list[Path]:
+        from flexstage.centring.harmonic_fit import distinct_notes
         from flexstage.centring.procedure import centre
         from flexstage.experiments.command import move_to_rest
         from flexstage.virtual.table import VirtualBench
 
         turns: list[Path] = []
+        remarks: list[str] = []
         measure = None
         # files of an earlier run, and sensors that cannot be recorded, are refused before any move
         if self.records is not None and self.records.folder is not None:
-            measure = self._measure_files(name, Path(self.records.folder), self.records)
+            measure = self._measure_files(name, Path(self.records.folder), self.records, remarks)
         elif self.records is not None:
-            measure = self._measure_sensors(context, name, self.records, turns)
+            measure = self._measure_sensors(context, name, self.records, turns, remarks)
         move_to_rest(context.instrument, self.axes)
         first, second = (context.plan.sensor(s).channel for s in self.sensors)
         positioner = InstrumentPositioner(
@@ -253,7 +255,7 @@ class Centre(Verb):
             reached=centring.reached,
             reason=centring.reason,
             moves=tuple(moves),
-            notes=_NOTES if self.records is None else (),
+            notes=_NOTES if self.records is None else distinct_notes(remarks),
         )
         target = context.folder / "records" / f"{name}.json"
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -261,7 +263,7 @@ class Centre(Verb):
         return [target, *turns]
 
     def _measure_files(
-        self, name: str, folder: Path, records: RecordedTurns
+        self, name: str, folder: Path, records: RecordedTurns, notes: list[str]
     ) -> Callable[[], "CentreReading"]:
         """Return the function that waits for the next file and returns its eccentricity."""
         from flexstage.centring.from_records import centre_files
@@ -278,12 +280,17 @@ class Centre(Verb):
         def measure() -> "CentreReading":
             file = folder / f"{name}-{next(numbers)}.csv"
             _await(file, records.wait)
-            return _eccentricity(centre_files([file], request), file)
+            return _eccentricity(centre_files([file], request), file, notes)
 
         return measure
 
     def _measure_sensors(
-        self, context: RunContext, name: str, records: RecordedTurns, files: list[Path]
+        self,
+        context: RunContext,
+        name: str,
+        records: RecordedTurns,
+        files: list[Path],
+        notes: list[str],
     ) -> Callable[[], "CentreReading"]:
         """Return the function that records turns, adds the file, and returns the eccentricity."""
         from flexstage.centring.from_records import centre_records
@@ -303,7 +310,7 @@ class Centre(Verb):
                 record = record_now(context.instrument, signals, rate, samples, writer)
             files.append(stream.with_suffix(".h5"))
             _require_turn(record.channels[0].values, records)
-            return _eccentricity(centre_records([record], request), files[-1])
+            return _eccentricity(centre_records([record], request), files[-1], notes)
 
         return measure
 
@@ -399,10 +406,12 @@ class CentredStep(StepResult):
         )
 
 
-def _eccentricity(centred: "CentredRecords", file: Path) -> "CentreReading":
+def _eccentricity(centred: "CentredRecords", file: Path, notes: list[str]) -> "CentreReading":
+    """Return the eccentricity of a record, and add the notes on it."""
     from flexstage.centring.procedure import centre_reading
 
     (setup,) = centred.setups
+    notes += setup.notes
     if setup.centre is None:
         raise PlanError(f"{file} shows no eccentricity: {'; '.join(setup.notes)}")
     return centre_reading(setup.centre)

@@ -251,10 +251,12 @@ class CentringState:
         return None if move is None else (move["x"], move["y"])
 
     def _trial_length(self) -> float:
-        """Return the trial move [m], to two digits; 20 µm for a scale without a radius."""
+        """Return the trial move [m], to two digits; 20 µm if the eccentricity is unknown."""
+        usual, least = 20e-6, 1e-12
         eccentricity = self.result.setups[0].get("eccentricity") if self.result else None
-        if eccentricity is None:
-            return 20e-6
+        # equal readings have neither an eccentricity nor a resolution
+        if eccentricity is None or eccentricity["value"] + eccentricity["uncertainty"] < least:
+            return usual
         return float(
             f"{calibration_length(eccentricity['value'], eccentricity['uncertainty']):.1e}"
         )

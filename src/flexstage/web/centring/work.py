@@ -169,7 +169,9 @@ def gauge_record(text: str, factor: float, path: Path) -> None:
         raise RecordError(
             f"the readings must be numbers separated by spaces, such as 12 8 -3, got '{text[:40]}'"
         ) from None
-    if values.size < _FEWEST or not np.isfinite(values).all():
+    if not np.isfinite(values).all():
+        raise RecordError("the readings must be finite numbers")
+    if values.size < _FEWEST:
         raise RecordError(
             f"a turn needs at least {_FEWEST} readings at equal angles, got {values.size}"
         )

@@ -99,8 +99,11 @@ _SOURCES: dict[Source, tuple[str, str]] = {
 _UNITS = {"": "unit in the file", "deg": "deg", "rad": "rad", "arcsec": "arcsec", "turn": "turn"}
 #: Files of a certificate, with the texts of their links.
 _CERTIFICATE = {"report.html": "Save the page", "results.json": "Save the results (JSON)"}
+_LEAST = 1e-15  # uncertainty that a reading has [m]
 _NO_TURN = "Measure a turn in the step Records."
 _YAML = (".yaml", ".yml")
+#: Folder of uploaded files: their names may be those of the table and of measured turns.
+_UPLOADS = "centring/uploads"
 _ENDINGS = tuple(suffix for suffixes in FORMATS.values() for suffix in suffixes)
 _METHODS = {
     "self": "differences of the heads (self)",
@@ -272,7 +275,7 @@ class CentringView:
         with div("columns table"):
             with panel() as self._table_card:
                 upload(
-                    self._page, "Table file: drop it here", _YAML, self._open_table, view="centring"
+                    self._page, "Table file: drop it here", _YAML, self._open_table, view=_UPLOADS
                 ).classes("slim")
                 self._text = ui.textarea(
                     "Table, scale, heads and tolerance (YAML)", value=self._state.table_text
@@ -357,7 +360,7 @@ class CentringView:
                     "Another stage file: drop it here",
                     _YAML,
                     self._open_stage,
-                    view="centring",
+                    view=_UPLOADS,
                 ).classes("slim")
             self._judged = ui.column().classes("full-width stretched")
 
@@ -580,7 +583,7 @@ class CentringView:
                 ui.button("Use the readings", on_click=self._use_readings)
         else:
             label = "Record of a turn: drop it here"
-            upload(self._page, label, _ENDINGS, self._use_file, view="centring")
+            upload(self._page, label, _ENDINGS, self._use_file, view=_UPLOADS)
 
     def _result(self) -> None:
         state, preferences = self._state, self._page.preferences
@@ -654,7 +657,9 @@ class CentringView:
         eccentricity = result.setups[-1].get("eccentricity")
         if state.studied is None or eccentricity is None:
             return
-        if eccentricity["interval"][1] <= state.studied.study.allowed:
+        # equal readings have no resolution, and no uncertainty
+        is_known = eccentricity["uncertainty"] > _LEAST
+        if is_known and eccentricity["interval"][1] <= state.studied.study.allowed:
             ui.label("The scale is centred: the table allows this eccentricity.").classes(
                 "issue good"
             )
