@@ -406,8 +406,8 @@ def _margins(setup: _Setup) -> Margins | None:
     margins = loop_margins(plant, setup.loop.settings)
     if not margins.stable:
         mode = plant.modes.frequency_hz[0] if plant.modes else 0.0
-        seen = mode < 0.5 * plant.sample_rate_hz
-        other = "notch the" if seen else "raise its rate beyond twice the"
+        within = mode < 0.5 * plant.sample_rate_hz
+        other = "notch the" if within else "raise its rate beyond twice the"
         raise ModelError(
             f"loop '{setup.loop.name}' is unstable on this stage: reduce its gain, or {other} mode "
             f"at {mode:.4g} Hz"
