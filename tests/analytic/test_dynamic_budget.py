@@ -478,6 +478,22 @@ def test_loops_of_a_stage_whose_modes_lie_above_half_their_rate() -> None:
         budget_of(ringing, made, "tune")
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "source",
+    [
+        "kind: voltage, drive: x, spectrum: {kind: lines, at: [[50 Hz, 1 mV]]}",
+        f"kind: sensor, {white('1 nm/rtHz')}",
+    ],
+    ids=("lines alone", "no motion"),
+)
+def test_a_budget_without_density_is_drawn(source: str) -> None:
+    made = environment(source, band="[1 Hz, 1 kHz]")
+    figure = budget_of(one_mass(spring=2e5), made).plot()
+    density, amplitude = figure.axes[:2]
+    assert density.get_xlim() == amplitude.get_xlim()
+
+
 def test_a_source_may_have_the_name_of_a_lever() -> None:
     text = ENVIRONMENT.replace("  floor:", "  damping:")
     budget = budget_of(lumped_system(PIEZO), environment_from_text(text)).budget()

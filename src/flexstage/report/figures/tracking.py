@@ -324,8 +324,8 @@ def _command_loop(axes: "Axes", feedforward: "Feedforward", model: "DriveModel")
 def draw_settling(study: "SettlingStudy") -> "Figure":
     """Draw the largest distance from the end that is still to come, for each move.
 
-    Open loop on the left, with feedback on the right; predictions are continuous, simulations
-    dashed.
+    Open loop on the left, with feedback on the right; predictions are thin, simulations wide and
+    pale.
     """
     figure, diagrams = panels(10.6, 4.2, 2, 2, sharey=True)
     for axes, feedback in zip(diagrams, (False, True), strict=True):
