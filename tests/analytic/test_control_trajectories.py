@@ -155,6 +155,10 @@ def test_a_path_from_a_record_is_resampled_and_closed() -> None:
         (lambda: triangle("x", LOW, HIGH, 1.0, sample_rate_hz=1e3, turn_time=0.7), "at most half"),
         (lambda: sine("x", LOW, HIGH, -1.0, sample_rate_hz=1e3), "must be positive"),
         (lambda: steps("x", LOW, HIGH, 1.0, sample_rate_hz=1e3, move_time=0.7), "a move must last"),
+        (
+            lambda: steps("x", LOW, HIGH, 50.0, sample_rate_hz=1e3),
+            "four phases need at least 4",
+        ),
     ],
 )
 def test_impossible_trajectories_are_refused_in_words(make, words) -> None:

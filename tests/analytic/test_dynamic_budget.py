@@ -94,7 +94,7 @@ def test_miles_and_white_force_on_one_mass() -> None:
     assert power.budget().total == pytest.approx(floor)
 
 
-def test_what_to_buy_down_has_the_exponents_of_miles() -> None:
+def test_what_to_improve_first_has_the_exponents_of_miles() -> None:
     made = environment(
         f"{FLOOR}, {white('3 mm/s^2/rtHz')}",
         f"kind: force, body: PY, along: x, {white('2 mN/rtHz')}",
@@ -408,6 +408,9 @@ def test_an_exposure_averages_what_is_faster() -> None:
     [
         ("0.02 nm/rtHz", "0.02", "expected a density with its unit"),
         ("0.02 nm/rtHz", "0.02 nm", "such as '0.02 nm/rtHz' or '4e-22 m"),
+        ("0.02 nm/rtHz", "1e-9", "got '1e-9'"),
+        # of a speed, or of an acceleration
+        ("0.02 nm/rtHz", "2 m/s^2/Hz", r"write \(m/s\)\^2/Hz or \(m/s\^2\)\^2/Hz"),
         ("rms: 1 mN", "rms: 1", "expected a size with its unit"),
         ("rms: 1 mN", "rms: -1 mN", "above 0"),
         ("1 mN", "1 mV", "source 'air' acts as force, in N, got a spectrum in V"),
@@ -446,6 +449,72 @@ def test_what_the_stage_does_not_have_is_refused(old: str, new: str, message: st
         budget_of(lumped_system(PIEZO), made)
 
 
+def test_probes_of_two_units_have_no_difference() -> None:
+    stage = design("three-rrr")
+    made = environment(
+        f"{FLOOR}, spectrum: {{kind: vc, curve: C}}",
+        band="[1 Hz, 80 Hz]",
+        points="points: {tip: {probe: x, relative_to: theta}}",
+    )
+    with pytest.raises(ModelError, match="point 'tip': probe 'x' reads m, and 'theta' reads rad"):
+        dynamic_budget(stage, lumped_system(stage), made)
+
+
+def test_a_mode_without_damping_has_no_rms() -> None:
+    made = environment(f"{FLOOR}, {white('3 mm/s^2/rtHz')}", band="[1 Hz, 1 kHz]")
+    with pytest.raises(ModelError, match="the mode at 290 Hz has no damping"):
+        budget_of(one_mass(zeta=0.0), made)
+
+
+def test_loops_of_a_stage_whose_modes_lie_above_half_their_rate() -> None:
+    made = environment(f"{FLOOR}, {white('3 mm/s^2/rtHz')}", band="[1 Hz, 1 kHz]")
+    fast = one_mass(spring=2e5, omega=2.0 * math.pi * 12e3, zeta=0.2)
+    opened, slow, tuned = budget_of(fast, made, "20 Hz", "tune").budgets
+    assert slow.margins is not None
+    assert slow.margins.crossover_hz == pytest.approx(20.0, rel=0.01)
+    assert tuned.total < slow.total < opened.total
+    ringing = one_mass(spring=2e5, omega=2.0 * math.pi * 12e3, zeta=0.01)
+    with pytest.raises(ModelError, match=r"raise its rate beyond twice the mode at 1\.2e"):
+        budget_of(ringing, made, "tune")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "source",
+    [
+        "kind: voltage, drive: x, spectrum: {kind: lines, at: [[50 Hz, 1 mV]]}",
+        f"kind: sensor, {white('1 nm/rtHz')}",
+    ],
+    ids=("lines alone", "no motion"),
+)
+def test_a_budget_without_density_is_drawn(source: str) -> None:
+    made = environment(source, band="[1 Hz, 1 kHz]")
+    figure = budget_of(one_mass(spring=2e5), made).plot()
+    density, amplitude = figure.axes[:2]
+    assert density.get_xlim() == amplitude.get_xlim()
+
+
+def test_a_source_may_have_the_name_of_a_lever() -> None:
+    text = ENVIRONMENT.replace("  floor:", "  damping:")
+    budget = budget_of(lumped_system(PIEZO), environment_from_text(text)).budget()
+    share = budget.rms(budget.sources[0]) ** 2 / budget.total**2
+    values = sorted(value for name, value in budget.ranking() if name == "damping")
+    assert values == pytest.approx([budget.levers["damping"], share])
+
+
+@pytest.mark.parametrize("row", ["10, -110", "10, nan", "-10, 110"])
+def test_a_file_of_decibels_or_gaps_is_refused(tmp_path: Path, row: str) -> None:
+    (tmp_path / "floor.csv").write_text(f"frequency,density\n0, 1\n1, 30\n{row}\n100, 3\n")
+    spectrum = "{kind: file, path: floor.csv, density_unit: nm/rtHz, sided: one}"
+    path = tmp_path / "floor.yaml"
+    path.write_text(
+        f"environment: 1\nname: made\nband: [1 Hz, 80 Hz]\n"
+        f"sources:\n  floor: {{{FLOOR}, spectrum: {spectrum}}}\n"
+    )
+    with pytest.raises(ModelError, match=r"'floor.csv' has .* not above 0"):
+        read_environment(path)
+
+
 def test_an_unstable_loop_and_a_drive_without_voltage_are_refused() -> None:
     made = environment_from_text(ENVIRONMENT)
     gain = 5.068e-7
@@ -455,6 +524,10 @@ def test_an_unstable_loop_and_a_drive_without_voltage_are_refused() -> None:
     for text in ("none.yaml", "0 Hz", "100"):
         with pytest.raises(ModelError, match=f"such as '100 Hz', tune, or the file.*'{text}'"):
             budget_of(lumped_system(PIEZO), made, text)
+    with pytest.raises(ModelError, match="two loops are named '100 Hz'"):
+        budget_of(lumped_system(PIEZO), made, "100 Hz", "100 Hz")
+    with pytest.raises(ModelError, match="loop 'none' has no gain"):
+        PositionLoop(name="none", settings=ServoSettings())
     with pytest.raises(ModelError, match="has no axis to control: add one"):
         dynamic_budget(replace(PIEZO, axes=()), lumped_system(PIEZO), made)
     screws = design("vgtu-mechanical")

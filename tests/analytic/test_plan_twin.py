@@ -276,6 +276,20 @@ steps:
 """
 
 
+@pytest.mark.parametrize(
+    ("records", "words"),
+    [
+        ("folder: turns, error: [h1]", "2 angles of heads and 1 columns"),
+        ("folder: turns, error: [h1, h2], reading: [h1, h2]", "error or of reading: leave one out"),
+        ("angle: angle, reading: [h1, h2, h3], duration: 2 s", "2 angles of heads and 3 columns"),
+    ],
+)
+def test_columns_that_are_not_those_of_the_heads_are_refused_with_the_plan(records, words) -> None:
+    step = "  - {name: fine, centre: {radius: 40 mm, heads: [0 deg, 180 deg], records: {RECORDS}}}"
+    with pytest.raises(PlanError, match=words):
+        plan_from_text(SENSORS + step.replace("RECORDS", records))
+
+
 def described_table(folder, *, noise="0.5 arcsec", speed="60 rpm"):
     file = folder / "table.yaml"
     file.write_text(TABLE.replace("NOISE", noise).replace("SPEED", speed), "utf-8")

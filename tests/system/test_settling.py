@@ -16,11 +16,21 @@ import pytest
 
 from flexstage.base.errors import LimitError, ModelError
 from flexstage.cli import main
+from flexstage.control.loop_plant import LoopPlant
+from flexstage.control.moves import MoveResponse
+from flexstage.hysteresis import StageModes
 from flexstage.hysteresis.requests import SettleRequest
 from flexstage.records.read import read_record
 from flexstage.stage.designs import design
 from flexstage.stage.seat import BallSeat, Preload
-from flexstage.studies.settling import _fitted_modes, _preload_acceleration, move_plant, settle
+from flexstage.studies.settling import (
+    SettlingTime,
+    _fitted_modes,
+    _preload_acceleration,
+    _shaped_modes,
+    move_plant,
+    settle,
+)
 from flexstage.system import modes
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.piezo_loop import sampled_response
@@ -171,6 +181,9 @@ def test_a_preload_limits_the_acceleration_by_the_force_of_the_first_mode() -> N
             lambda: settle(design("vgtu-piezo"), SettleRequest(move=90e-6)), LimitError,
             "needs .* V, and the range of axis 'x' is 0 to 120 V",
         ),
+        (lambda: settle(design("cartwheel"), REQUEST), ModelError, "axis 'theta' reads rad"),
+        (lambda: settle(replace(design("vgtu-piezo"), axes=()), REQUEST), ModelError, "no axis"),
+        (lambda: SettleRequest(move=1e-6, within=1e-6), ModelError, "reduce --within"),
         (lambda: _fitted_modes(Path("absent.json")), ModelError, "cannot be read"),
     ],
 )  # fmt: skip
@@ -191,3 +204,38 @@ def test_a_file_without_modes_is_refused(tmp_path) -> None:
     file.write_text('{"modes": []}')
     with pytest.raises(ModelError, match="flexstage frf --json"):
         _fitted_modes(file)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "uncertainty", "damping"),
+    [(0.0, 1.0, 0.01), (930.0, math.nan, 0.01), (930.0, 9.0, 0.0), (-930.0, 9.0, 0.01)],
+)
+def test_modes_without_use_are_refused(tmp_path, frequency, uncertainty, damping) -> None:
+    file = tmp_path / "frf.json"
+    mode = {"frequency_hz": {"value": frequency, "uncertainty": uncertainty},
+            "damping_ratio": {"value": damping, "uncertainty": 1e-3}}  # fmt: skip
+    file.write_text(json.dumps({"modes": [mode]}))
+    with pytest.raises(ModelError, match="flexstage frf --json"):
+        _fitted_modes(file)
+
+
+def test_each_shaper_needs_a_fitted_mode_of_its_own(tmp_path) -> None:
+    file = tmp_path / "frf.json"
+    mode = {"frequency_hz": {"value": 930.0, "uncertainty": 9.0},
+            "damping_ratio": {"value": 0.01, "uncertainty": 1e-3}}  # fmt: skip
+    file.write_text(json.dumps({"modes": [mode]}))
+    modes = StageModes(frequency_hz=[910.0, 2300.0], damping_ratio=[0.01] * 2, share=[0.9, 0.1])
+    plant = LoopPlant(gain=5e-7, gain_range=(4e-7, 6e-7), modes=modes)
+    one, two = (replace(REQUEST, modal_fit=str(file), modes=k) for k in (1, 2))
+    assert _shaped_modes(plant, one)[0] == [(930.0, 0.01)]
+    with pytest.raises(ModelError, match="near each of 910 Hz, 2300 Hz: fit more modes"):
+        _shaped_modes(plant, two)
+
+
+def test_a_move_that_never_settles_has_no_time_in_the_plain_data() -> None:
+    still = MoveResponse(time=np.zeros(1), position=np.zeros(1), end=0.0)
+    times = SettlingTime(
+        predicted=2e-3, quantile=math.inf, simulated=math.inf, motion=still, simulation=still,
+        voltage_rate=0.0,
+    )  # fmt: skip
+    assert times.data() == {"predicted": 2e-3, "quantile_95": None, "simulated": None}

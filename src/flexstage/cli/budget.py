@@ -83,7 +83,7 @@ def _print_point(screen: "Console", result: "DynamicBudget", budgets: "list[Poin
     )
     print_table(
         screen,
-        f"{last.point} with loop {last.loop}: what to buy down",
+        f"{last.point} with loop {last.loop}: what to improve first",
         ("<1 % more of", "changes the total by, %"),
         [(name, f"{change:+.3f}") for name, change in last.ranking()],
     )

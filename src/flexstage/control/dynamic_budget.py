@@ -10,9 +10,9 @@ with the noise n of the sensor. Variances of independent sources add.
 
 Validity: linear about one position, stationary, sources independent; sensor and drives stand on the
 base, which is rigid; one axis under control, its drive with the mean gain of its stroke, without
-hysteresis and creep. Above half the rate of the loop the stage is open: what a sampled loop folds
-to lower frequencies is neglected. C and P are exact for the sampled loop, H is that of the band
-below half the rate.
+hysteresis and creep; amplifier and sensor without a lag other than the delay of the loop. Above
+half the rate of the loop the stage is open: what a sampled loop folds to lower frequencies is
+neglected. C and P are exact for the sampled loop, H is that of the band below half the rate.
 """
 
 import itertools
@@ -141,13 +141,13 @@ class PointBudget:
         )
 
     def ranking(self) -> list[tuple[str, float]]:
-        """Return what to buy down: change of the total in per cent for one per cent of each.
+        """Return what to improve first: change of the total in per cent for one per cent of each.
 
         For the level of a source that is its share of the variance. The largest comes first.
         """
         variance = self.total**2
-        by = {s.name: self.rms(s) ** 2 / variance if variance else 0.0 for s in self.sources}
-        return sorted((by | self.levers).items(), key=lambda item: -abs(item[1]))
+        by = [(s.name, self.rms(s) ** 2 / variance if variance else 0.0) for s in self.sources]
+        return sorted([*by, *self.levers.items()], key=lambda item: -abs(item[1]))
 
     @cached_property
     def bands(self) -> tuple[tuple[float, float], ...]:
@@ -216,7 +216,7 @@ class DynamicBudget(Result):
             "margins": plain(b.margins),
             **exposed,
             "bands": [
-                {"band_hz": list(band)} | {s.name: b.rms(s, band) for s in b.sources}
+                {s.name: b.rms(s, band) for s in b.sources} | {"band_hz": list(band)}
                 for band in b.bands
             ],
             "ranking": [{"lever": name, "percent": change} for name, change in b.ranking()],
@@ -263,7 +263,8 @@ def dynamic_budget(
     Raises
     ------
     ModelError
-        A body, drive or probe does not exist, a drive has no voltage, or a loop is unstable.
+        A body, drive or probe does not exist, a drive has no voltage, a mode has no damping, a loop
+        is unstable, or two loops have one name.
 
     Notes
     -----
@@ -274,7 +275,10 @@ def dynamic_budget(
     controlled = stage.axis(axis or stage.axes[0].name)
     points = environment.points or (Point(name=controlled.probe, probe=controlled.probe),)
     setup = _Setup(stage, system, environment, controlled.name, points)
-    closed = (replace(setup, loop=_loop_of(loop, setup)) for loop in loops)
+    closed = [replace(setup, loop=_loop_of(loop, setup)) for loop in loops]
+    names = [OPEN, *(one.loop.name for one in closed if one.loop is not None)]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise ModelError(f"two loops are named '{twice}', the stage without one '{OPEN}': rename")
     budgets = [budget for one in (setup, *closed) for budget in _budgets(one)]
     return DynamicBudget(
         stage=stage.name,
@@ -338,7 +342,7 @@ class _Setup:
         every = modes(self.system, drives="in place", count=None)
         static = (self.sensor @ every.shapes) * (self.force @ every.shapes) / every.omega**2
         gain = float(static.sum())
-        loop = self.loop or PositionLoop(name="new", settings=ServoSettings())
+        loop = self.loop or PositionLoop(name="new", settings=ServoSettings(integral=1.0))
         if not gain > 0.0:
             raise ModelError(
                 f"the probe of axis '{self.axis}' falls as its voltage rises: turn the probe"
@@ -373,7 +377,10 @@ def _loop_of(text: str | PositionLoop, setup: _Setup) -> PositionLoop:
     plant = setup.plant()
     assert plant.modes is not None
     peak = int(np.argmax(np.abs(plant.modes.share) / np.array(plant.modes.damping_ratio)))
-    return integral_loop(crossover, plant.gain, plant.modes.frequency_hz[peak])
+    mode = plant.modes.frequency_hz[peak]
+    # a loop has no notch above half its rate
+    within = mode < 0.5 * plant.sample_rate_hz
+    return integral_loop(crossover, plant.gain, mode if within else None)
 
 
 def _within(plant: LoopPlant) -> LoopPlant:
@@ -385,6 +392,8 @@ def _within(plant: LoopPlant) -> LoopPlant:
         for row in zip(every.frequency_hz, every.damping_ratio, every.share, strict=True)
         if row[0] < 0.5 * plant.sample_rate_hz
     ]
+    if not rows:
+        return replace(plant, modes=None)
     f, zeta, share = zip(*rows, strict=True)
     return replace(plant, modes=StageModes(frequency_hz=f, damping_ratio=zeta, share=share))
 
@@ -396,9 +405,12 @@ def _margins(setup: _Setup) -> Margins | None:
     plant = setup.plant()
     margins = loop_margins(plant, setup.loop.settings)
     if not margins.stable:
+        mode = plant.modes.frequency_hz[0] if plant.modes else 0.0
+        within = mode < 0.5 * plant.sample_rate_hz
+        other = "notch the" if within else "raise its rate beyond twice the"
         raise ModelError(
-            f"loop '{setup.loop.name}' is unstable on this stage: reduce its gain, or notch the "
-            f"mode at {plant.modes.frequency_hz[0] if plant.modes else 0.0:.4g} Hz"
+            f"loop '{setup.loop.name}' is unstable on this stage: reduce its gain, or {other} mode "
+            f"at {mode:.4g} Hz"
         )
     return margins
 
@@ -520,6 +532,11 @@ def _first_lines(environment: Environment, every: Modes) -> Array:
     parts = [np.geomspace(low, high, _LINES)]
     s = np.sinh(np.linspace(-4.0, 4.0, _NEAR)) / np.sinh(4.0)
     for mode, zeta in zip(every.frequency_hz, every.damping_ratio, strict=True):
+        if low <= mode <= high and not zeta > 0.0:
+            raise ModelError(
+                f"the mode at {mode:.4g} Hz has no damping, and its rms no limit: give the stage "
+                "its damping"
+            )
         if mode < high:
             parts.append(mode * (1.0 + min(_WIDTHS * max(zeta, 1e-4), 0.9) * s))
     for source in environment.sources:
@@ -591,6 +608,11 @@ def _reader(system: MechanicalSystem, point: Point) -> Array:
     if point.relative_to in ("base", "room"):
         return vector
     other = system.probe(point.relative_to)
+    if other.unit != system.probe(point.probe).unit:
+        raise ModelError(
+            f"point '{point.name}': probe '{point.probe}' reads {system.probe(point.probe).unit}, "
+            f"and '{other.name}' reads {other.unit}: name a probe of the same unit"
+        )
     return vector - other.vector
 
 

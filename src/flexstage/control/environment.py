@@ -37,9 +37,13 @@ Sided = Literal["one", "two"]
 #: Densities outside the frequencies of a table: refused, or zero.
 Outside = Literal["refused", "zero"]
 
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.].*?)\s*")
+# an exponent is no unit
+_QUANTITY = re.compile(
+    r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?![eE][-+]?\d)([^\d\s.].*?)\s*"
+)
 _AMPLITUDE = re.compile(r"(.+?)/(?:rtHz|√Hz|sqrt\(Hz\)|Hz\^0\.5)")
-_POWER = re.compile(r"\(?([^()]+?)\)?\^2/Hz")
+# m/s^2/Hz could be of a speed or of an acceleration: a quotient has brackets
+_POWER = re.compile(r"(?:\(([^()]+)\)|([^()/^]+))\^2/Hz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +95,9 @@ def density_unit(
     """
     match = _AMPLITUDE.fullmatch(text) or _POWER.fullmatch(text)
     if match is None:
-        raise UnitError(f"expected {expected}, got '{text[:60]}'")
-    factor, si = si_unit(match[1])
+        brackets = ": write (m/s)^2/Hz or (m/s^2)^2/Hz" if text.endswith("^2/Hz") else ""
+        raise UnitError(f"expected {expected}, got '{text[:60]}'{brackets}")
+    factor, si = si_unit(match[match.lastindex or 1])
     return factor**2, si
 
 
@@ -393,9 +398,14 @@ class FromFile(Spectrum):
                 "them, counted from 0"
             )
         f, values = (columns[k].values for k in self.columns)
-        values = factor * (values**2 if _AMPLITUDE.fullmatch(self.density_unit) else values)
         # an analyser begins at 0 Hz, which has no logarithm
-        stated = (f > 0.0) & (values > 0.0)
+        stated = f != 0.0
+        if not np.all((f[stated] > 0.0) & (values[stated] > 0.0) & np.isfinite(values[stated])):
+            raise ModelError(
+                f"'{self.path}' has frequencies or densities that are not above 0: remove those "
+                f"rows, or convert decibels to {self.density_unit}"
+            )
+        values = factor * (values**2 if _AMPLITUDE.fullmatch(self.density_unit) else values)
         rows = zip(f[stated].tolist(), values[stated].tolist(), strict=True)
         return Tabulated(
             points=tuple((at, SpectralLevel(value, unit)) for at, value in rows),
@@ -433,8 +443,8 @@ class GroundMotion(NoiseSource):
     """x, y, or rotation about the origin of the stage."""
 
     def allowed_units(self) -> tuple[str, ...]:
-        length = "rad" if self.along == "rotation" else "m"
-        return length, f"{length}/s", f"{length}/s^2"
+        # no unit of rad/s^2 is known
+        return ("rad", "rad/s") if self.along == "rotation" else ("m", "m/s", "m/s^2")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -585,6 +595,8 @@ class PositionLoop:
 
     def __post_init__(self) -> None:
         require_ranges(self, ModelError, f"loop '{self.name}'")
+        if not (self.settings.integral or self.settings.proportional):
+            raise ModelError(f"loop '{self.name}' has no gain: give its settings integral")
 
     @property
     def latency(self) -> float:
@@ -603,15 +615,15 @@ def read_loop(path: str | os.PathLike[str]) -> PositionLoop:
     return decoder.build(PositionLoop, root, "", name)
 
 
-def integral_loop(crossover_hz: float, gain: float, mode: float) -> PositionLoop:
+def integral_loop(crossover_hz: float, gain: float, mode: float | None) -> PositionLoop:
     """Return an integral loop of a gain crossover [Hz], with a notch that blocks a mode.
 
-    `gain` is that of the stage [m/V], `mode` the frequency of the mode [Hz].
+    `gain` is that of the stage [m/V], `mode` the frequency of the mode [Hz]; None for no notch.
     """
-    notch = Notch(frequency_hz=mode, zero_damping=0.0)
+    notches = () if mode is None else (Notch(frequency_hz=mode, zero_damping=0.0),)
     return PositionLoop(
         name=f"{crossover_hz:g} Hz",
-        settings=ServoSettings(integral=2.0 * math.pi * crossover_hz / gain, notches=(notch,)),
+        settings=ServoSettings(integral=2.0 * math.pi * crossover_hz / gain, notches=notches),
     )
 
 

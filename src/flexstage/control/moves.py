@@ -26,7 +26,7 @@ EI_RESIDUAL = 0.05
 #: Share of the band below which a pole needs no condition in a minimum-time command.
 _NEGLIGIBLE = 0.1
 #: Largest number of samples of a minimum-time command.
-_LONGEST = 4096
+_LONGEST = 256
 #: Samples between those of the loop at which the position is computed.
 _FINE = 4
 
@@ -361,7 +361,7 @@ def minimum_time(
     Raises
     ------
     LimitError
-        The voltages do not reach the distance, or no command of 4096 samples keeps the limits.
+        The voltages do not reach the distance, or no command of 256 samples keeps the limits.
 
     Notes
     -----

@@ -23,6 +23,8 @@ from flexstage.stage.limits import AxisLimits
 _SAME_RATE = 1e-9
 #: Smallest number of samples in a period.
 _FEWEST = 8
+#: Fewest samples of a jerk-limited move: fewer are a jump.
+_FEWEST_OF_MOVE = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -399,7 +401,8 @@ def steps(
     Raises
     ------
     ModelError
-        The ends do not rise, a rate is impossible, or a move lasts longer than half the period.
+        The ends do not rise, a rate is impossible, or a move lasts longer than half the period or
+        shorter than four samples.
 
     Examples
     --------
@@ -411,6 +414,12 @@ def steps(
     count, notes = period_samples(rate_hz, sample_rate_hz)
     half = 0.5 * count / sample_rate_hz
     time = half * turn_share(move_time, half, "a move")
+    if time * sample_rate_hz < _FEWEST_OF_MOVE:
+        raise ModelError(
+            f"a move of {time:.4g} s has {time * sample_rate_hz:.3g} samples at "
+            f"{sample_rate_hz:g} Hz, and its four phases need at least {_FEWEST_OF_MOVE}: raise "
+            "the sample rate, or lower the rate of the moves"
+        )
     jerk = 32.0 * (high - low) / time**3
     way = jerk_limited(high - low, jerk=jerk, sample_rate_hz=sample_rate_hz)[: count // 2]
     index = np.arange(count)

@@ -14,7 +14,7 @@ from flexstage.files.ranges import (
     Written,
 )
 from flexstage.files.request import Request
-from flexstage.quantities.units import DIMENSIONS, parse
+from flexstage.quantities.units import DIMENSIONS, parse, readable
 from flexstage.quantities.units.dimension import MEASURED
 from flexstage.records.read_options import Rows
 from flexstage.stage.assumptions import DAMPING_RATIO
@@ -293,6 +293,14 @@ class SettleRequest(Request):
     """Rate of the servo loop and of the commands, such as "10 kHz"."""
     model: Literal["lumped", "superelement"] = "lumped"
     """Model of the mechanics: rigid bodies, or condensed finite elements."""
+
+    def __post_init__(self) -> None:
+        super(SettleRequest, self).__post_init__()
+        if not self.band < self.move:
+            raise ModelError(
+                f"a move of {readable('m', self.move)} needs a smaller distance from its end, got "
+                f"{readable('m', self.band)}: reduce --within"
+            )
 
     @property
     def band(self) -> float:

@@ -72,8 +72,7 @@ class SettlingTime:
 
     def data(self) -> dict[str, float | None]:
         """Return the times [s] as plain data; None for none."""
-        times = picked(self, "predicted", f"quantile_{QUANTILE * 100:.0f}=quantile", "simulated")
-        return {name: t if math.isfinite(t) else None for name, t in times.items()}
+        return picked(self, "predicted", f"quantile_{QUANTILE * 100:.0f}=quantile", "simulated")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -190,7 +189,7 @@ def settle(stage: Stage, request: SettleRequest, axis: str | None = None) -> Set
     Raises
     ------
     ModelError
-        The stage has no piezo stacks, or a mode without damping.
+        The stage has no piezo stacks, a mode without damping, or an axis of rotation.
     LimitError
         The move is larger than the limits allow.
 
@@ -199,7 +198,15 @@ def settle(stage: Stage, request: SettleRequest, axis: str | None = None) -> Set
     Validity: a linear plant about the middle of the range; simulated times have the resolution of
     a sample.
     """
-    named = stage.axis(axis).name if axis else stage.axes[0].name
+    if not stage.axes:
+        raise ModelError(f"stage '{stage.name}' has no axis to move: add one")
+    moved = stage.axis(axis or stage.axes[0].name)
+    named = moved.name
+    if (unit := stage.probe(moved.probe).unit) != "m":
+        raise ModelError(
+            f"the probe of axis '{named}' reads {unit}: a move is a distance, so choose an axis "
+            "whose probe reads a displacement"
+        )
     twin = virtual_stage(
         stage, model=request.model, sample_rate_hz=request.servo_rate, quiet=True, scatter=False
     )
@@ -466,6 +473,7 @@ class _Bench:
         settings, worst, tolerance = self.control.settings, self.control.worst, self.tolerance
         filters = [f"notch at {n.frequency_hz:.4g} Hz" for n in settings.notches]
         filters += [f"low-pass at {settings.lowpass_hz:.4g} Hz"] if settings.lowpass_hz else []
+        terms = "proportional and integral" if settings.proportional else "integral"
         limits = f"{self.limits.slew:.4g} V/s behind the amplifier"
         if math.isfinite(self.limits.acceleration):
             limits += f", {self.limits.acceleration:.4g} m/s^2"
@@ -473,7 +481,7 @@ class _Bench:
             f"95 %: of plants with frequencies within {100.0 * tolerance.frequency:.3g} %, damping "
             f"within {100.0 * tolerance.damping:.3g} %, and under control any slope of the "
             f"hysteresis and an inverse within {100.0 * tolerance.inverse:.3g} %",
-            f"control: integral, {' and '.join(filters) or 'no filter'}; errors halved up to "
+            f"control: {terms}, {' and '.join(filters) or 'no filter'}; errors halved up to "
             f"{worst.bandwidth_hz:.3g} Hz, gain margin {worst.gain_margin:.3g}",
             f"commands at {self.plant.sample_rate_hz:g} Hz, at most {limits}",
         ]
@@ -557,6 +565,11 @@ def _shaped_modes(
         return rows, request.tolerance
     fitted = _fitted_modes(Path(request.modal_fit))
     nearest = [min(fitted, key=lambda mode, f=f: abs(mode[0][0] - f)) for f, _ in rows]
+    if len(set(nearest)) < len(nearest):
+        raise ModelError(
+            f"'{request.modal_fit}' has no mode of its own near each of "
+            f"{', '.join(f'{f:.4g} Hz' for f, _ in rows)}: fit more modes, or reduce --modes"
+        )
     (frequency, damping), tolerance = nearest[0], request.tolerance
     # the expanded uncertainty, two standard uncertainties
     return [(f[0], zeta[0]) for f, zeta in nearest], replace(
@@ -579,7 +592,11 @@ def _fitted_modes(path: Path) -> list[tuple[tuple[float, float], tuple[float, fl
         raise ModelError(f"'{path}' cannot be read ({error.strerror or error})") from None
     except (KeyError, TypeError, ValueError):
         pairs = []
-    if not pairs:
+    usable = all(
+        0.0 < value < math.inf and 0.0 <= uncertainty < math.inf
+        for mode in pairs for value, uncertainty in mode
+    )  # fmt: skip
+    if not pairs or not usable:
         raise ModelError(
             f"'{path}' has no fitted modes with their uncertainty: give the output of "
             "flexstage frf --json"

@@ -99,6 +99,17 @@ class RecordedTurns:
                 "of angle and of error or reading, and the duration of two turns"
             )
 
+    def require_heads(self, heads: int) -> None:
+        """Refuse columns that are not those of a number of heads."""
+        if self.error and self.reading:
+            raise PlanError("records of centre have columns of error or of reading: leave one out")
+        named = len(self.error) + len(self.reading)
+        if named and named != heads:
+            raise PlanError(
+                f"centre has {heads} angles of heads and {named} columns of them in its records: "
+                "give one column for each"
+            )
+
     @property
     def columns(self) -> tuple[str, ...]:
         """The columns: of the angle, if there is one, and of the heads."""
@@ -156,6 +167,8 @@ class Centre(Verb):
                 "centre by records needs the radius at which the scale is read and the angles "
                 "of its heads: give radius and heads"
             )
+        if self.records is not None:
+            self.records.require_heads(len(self.heads))
         radius = self.radius or _RADIUS
         if not max(abs(e) for e in self.eccentricity) < radius:
             raise PlanError(

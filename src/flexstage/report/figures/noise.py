@@ -92,7 +92,9 @@ def draw_cumulative(result: DynamicBudget, *, loop: str = "", point: str = "") -
             linestyle=dashes, label=name,
         )  # fmt: skip
     highest = factor * np.sqrt(max(float(s.density.max()) for s in last.sources))
-    density.set_ylim(1e-6 * highest, 3.0 * highest)
+    if highest > 0.0:  # lines alone have no density
+        density.set_ylim(1e-6 * highest, 3.0 * highest)
+    density.set(xscale="log", xlim=amplitude.get_xlim())
     label_axes(density, "frequency [Hz]", f"density [{label}/√Hz]")
     label_axes(amplitude, "frequency [Hz]", f"rms from the lowest frequency [{label}]")
     add_legend(amplitude, loc="upper left")
