@@ -353,3 +353,13 @@ def test_the_scattered_plants_fill_their_tolerance() -> None:
 def test_impossible_moves_are_refused_in_words(make, words) -> None:
     with pytest.raises(ModelError, match=words):
         make()
+
+
+def test_a_small_acceleration_has_a_command_and_an_end() -> None:
+    """Rows of accelerations are of 1e9, those of voltages of 1: both are met in one scale."""
+    own = plant(modes=StageModes(frequency_hz=[915.0], damping_ratio=[0.01]))
+    limits = VoltageLimits(low=-20.0, high=120.0, slew=40e3, acceleration=1.0)
+    u = minimum_time(own, 1e-5, limits, band=1e-8)
+    # bang-bang under the acceleration alone takes 2 sqrt(d/a), 63 samples
+    assert 63 <= u.size <= 200
+    assert u[-1] == pytest.approx(20.0, rel=1e-6)

@@ -26,7 +26,9 @@ EI_RESIDUAL = 0.05
 #: Share of the band below which a pole needs no condition in a minimum-time command.
 _NEGLIGIBLE = 0.1
 #: Largest number of samples of a minimum-time command.
-_LONGEST = 256
+_LONGEST = 512
+#: Largest number of steps of the linear programme, which is taken to have no solution then.
+_STEPS = 10_000
 #: Samples between those of the loop at which the position is computed.
 _FINE = 4
 
@@ -338,7 +340,8 @@ def minimum_time(
     The increments :math:`\Delta u_k` of the sampled voltages are the unknowns of a linear
     programme: their sum is that of the distance, :math:`\sum_k \Delta u_k e^{-p t_k} = 0` for
     every pole p that would leave more than a tenth of the band, and voltage, slew and acceleration
-    keep their limits at every sample. The number of samples is the smallest that has a solution.
+    keep their limits at every sample. The number of samples is the smallest for which
+    a solution is found.
 
     Parameters
     ----------
@@ -361,7 +364,7 @@ def minimum_time(
     Raises
     ------
     LimitError
-        The voltages do not reach the distance, or no command of 256 samples keeps the limits.
+        The voltages do not reach the distance, or no command of 512 samples keeps the limits.
 
     Notes
     -----
@@ -436,6 +439,8 @@ def _programme(
         bounded.append((bend, -most, most))
     above = [(m, b) for m, _, b in bounded if math.isfinite(b)]
     above += [(-m, -a) for m, a, _ in bounded if math.isfinite(a)]
+    # accelerations are of 1e9, voltages of 1: rows of one size, or the solver has no end
+    above = [(m / size, b / size) for m, b in above if (size := np.abs(m).max())]
     solution = linprog(
         np.zeros(count),
         A_ub=np.vstack([m for m, _ in above]) if above else None,
@@ -444,6 +449,7 @@ def _programme(
         b_eq=equal,
         bounds=(None, None),
         method="highs",
+        options={"maxiter": _STEPS},
     )
     if not solution.success:
         return None
