@@ -122,6 +122,27 @@ _WATCH = """() => {
 }"""
 
 
+#: Times [ms] that the page takes to lay out and paint its figures after a change of its own.
+_SHOWN = """async () => {
+  const live = document.querySelector(".live"), times = [];
+  const frame = () => new Promise(requestAnimationFrame);
+  for (let k = 0; k < 20; k++) {
+    await frame();
+    const from = performance.now();
+    const again = live.cloneNode(true);
+    live.after(again);
+    live.style.display = "none";
+    again.getBoundingClientRect();
+    await frame();
+    await frame();
+    again.remove();
+    live.style.display = "";
+    times.push(performance.now() - from);
+  }
+  return times;
+}"""
+
+
 def opened(look: Look, name: str) -> Any:
     """Choose a design, and wait until all is known of it."""
     page = look.page
@@ -261,9 +282,11 @@ def test_figures_follow_a_slider_at_once(tmp_path: Path) -> None:
             # every third time long enough for the drawing and the finer model to begin
             page.wait_for_timeout(120 + 900 * (k % 3 == 0))
         took = page.evaluate("took")
+        # on a slow machine, by what its browser needs to show a change that no server computes
+        least = statistics.median(page.evaluate(_SHOWN))
         assert len(took) > 40
-        assert statistics.median(took) < 100, sorted(took)
-        assert max(took) < 300, sorted(took)
+        assert statistics.median(took) < max(100.0, 6.0 * least), (least, sorted(took))
+        assert max(took) < max(300.0, 15.0 * least), (least, sorted(took))
 
 
 #: What stands out of the window to the right, where nothing around it is scrolled.
