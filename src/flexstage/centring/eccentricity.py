@@ -429,6 +429,21 @@ def with_resolution(heads: Sequence[HeadReadings]) -> list[HeadReadings]:
     ]
 
 
+def fit_head(
+    head: HeadReadings, *, orders: int | Sequence[int] | None, robust: bool, unit: str
+) -> HarmonicFit:
+    """Fit the harmonics of one head, with its resolution and the step of its codes."""
+    return fit_harmonics(
+        head.angle,
+        head.error,
+        orders=orders,
+        robust=robust,
+        unit=unit,
+        least_outlier=head.least_outlier,
+        resolution=head.resolution or 0.0,
+    )
+
+
 def common_step(values: ArrayLike) -> float:
     """Return the largest step of which all differences of a few values are multiples.
 
@@ -647,18 +662,7 @@ def _fitted(
             )
         )
     else:
-        fits = [
-            fit_harmonics(
-                h.angle,
-                h.error,
-                orders=orders,
-                robust=robust,
-                unit=unit,
-                least_outlier=h.least_outlier,
-                resolution=h.resolution or 0.0,
-            )
-            for h in heads
-        ]
+        fits = [fit_head(h, orders=orders, robust=robust, unit=unit) for h in heads]
     if any(1 not in f.orders for f in fits):
         raise ModelError("order 1 must be among those fitted: it contains the eccentricity")
     angles = np.array([h.head_angle for h in heads])

@@ -313,6 +313,7 @@ def _equal_readings(
     notes, out = [], []
     resolved = with_resolution([head for head, _ in heads])
     for head, (_, radial) in zip(resolved, heads, strict=True):
+        known = head
         if not head.resolution and float(np.ptp(head.error)) == 0.0:
             others = [h.resolution for h in resolved if h.name == head.name and h.resolution]
             if not others:
@@ -320,8 +321,8 @@ def _equal_readings(
                     f"all readings of column '{head.name}' are equal: their resolution is unknown, "
                     "and the uncertainty omits it"
                 )
-            head = replace(head, resolution=min(others, default=0.0))  # noqa: PLW2901
-        out.append((head, radial))
+            known = replace(head, resolution=min(others, default=0.0))
+        out.append((known, radial))
     return notes, out
 
 

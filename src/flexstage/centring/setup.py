@@ -11,17 +11,12 @@ from flexstage.centring.eccentricity import (
     Eccentricity,
     HeadReadings,
     eccentricity,
+    fit_head,
     run_out,
     with_resolution,
 )
 from flexstage.centring.geometry import ARCSEC
-from flexstage.centring.harmonic_fit import (
-    Harmonic,
-    HarmonicFit,
-    distinct_notes,
-    scale_harmonic,
-)
-from flexstage.centring.harmonics import fit_harmonics
+from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit, distinct_notes, scale_harmonic
 from flexstage.files.plain import picked
 from flexstage.quantities.estimate import Estimate
 from flexstage.quantities.units import si_unit
@@ -66,18 +61,7 @@ def fit_setup(
     """
     unit = "m" if radial else "rad"
     heads = with_resolution(heads)
-    fits = [
-        fit_harmonics(
-            h.angle,
-            h.error,
-            orders=orders,
-            robust=robust,
-            unit=unit,
-            least_outlier=h.least_outlier,
-            resolution=h.resolution or 0.0,
-        )
-        for h in heads
-    ]
+    fits = [fit_head(h, orders=orders, robust=robust, unit=unit) for h in heads]
     alphas = np.array([h.head_angle for h in heads])
     shared = sorted(set.intersection(*(set(f.orders) for f in fits)))
 
