@@ -19,10 +19,10 @@ from flexstage.cli import main
 from flexstage.control.loop_plant import LoopPlant
 from flexstage.control.moves import MoveResponse
 from flexstage.hysteresis import StageModes
-from flexstage.hysteresis.requests import SettleRequest
 from flexstage.records.read import read_record
 from flexstage.stage.designs import design
 from flexstage.stage.seat import BallSeat, Preload
+from flexstage.studies.requests import SettleRequest
 from flexstage.studies.settling import (
     SettlingTime,
     _fitted_modes,

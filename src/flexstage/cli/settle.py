@@ -17,7 +17,7 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.hysteresis.requests import SettleRequest
+from flexstage.studies.requests import SettleRequest
 
 if TYPE_CHECKING:
     from flexstage.studies.settling import SettlingStudy, SettlingTime

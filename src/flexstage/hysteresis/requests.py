@@ -14,7 +14,7 @@ from flexstage.files.ranges import (
     Written,
 )
 from flexstage.files.request import Request
-from flexstage.quantities.units import DIMENSIONS, parse, readable
+from flexstage.quantities.units import DIMENSIONS, parse
 from flexstage.quantities.units.dimension import MEASURED
 from flexstage.records.read_options import Rows
 from flexstage.stage.assumptions import DAMPING_RATIO
@@ -263,49 +263,6 @@ class ModeTolerance(Request):
     """Damping ratios, likewise."""
     inverse: Annotated[float, _SHARE, Written("SHARE")] = 0.01
     """Error that the inverse of the hysteresis leaves, over the move."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SettleRequest(Request):
-    """Settling of a move from rest to rest."""
-
-    move: Annotated[float, DIMENSIONS["length"], POSITIVE, Written(bare="m")]
-    """Distance, such as "10 um", about the middle of the voltage range."""
-    within: Annotated[float, DIMENSIONS["length"], POSITIVE, Written(bare="m")] | None = None
-    """Largest distance from the end of the move, on both sides (default: a thousandth of it)."""
-    modes: Annotated[int, Range(low=1, high=4)] = 1
-    """Number of modes that the shapers suppress, those that move the probe most."""
-    modal_fit: Annotated[str, Written("FILE")] | None = None
-    """Result of `flexstage frf --json`: the shapers are those of its modes, and the tolerance is
-    their expanded uncertainty.
-    """
-    tolerance: ModeTolerance = ModeTolerance()
-    """Tolerance over which settling scatters, such as "frequency=1 %,damping=30 %"."""
-    amplifier: AmplifierLimits = AmplifierLimits()
-    """Limits of the amplifier, such as "current=100 mA" (default: those of the stage)."""
-    acceleration: Annotated[float, MEASURED["acceleration"], POSITIVE] | None = None
-    """Largest acceleration of jerk-limited and minimum-time moves (default: that at which the drive
-    would lose its preload).
-    """
-    servo_rate: Annotated[
-        float, DIMENSIONS["frequency"], Range(low=1e3, high=50e3), Written(bare="Hz")
-    ] = 10e3
-    """Rate of the servo loop and of the commands, such as "10 kHz"."""
-    model: Literal["lumped", "superelement"] = "lumped"
-    """Model of the mechanics: rigid bodies, or condensed finite elements."""
-
-    def __post_init__(self) -> None:
-        super(SettleRequest, self).__post_init__()
-        if not self.band < self.move:
-            raise ModelError(
-                f"a move of {readable('m', self.move)} needs a smaller distance from its end, got "
-                f"{readable('m', self.band)}: reduce --within"
-            )
-
-    @property
-    def band(self) -> float:
-        """Largest distance from the end of the move [m]."""
-        return 1e-3 * self.move if self.within is None else self.within
 
 
 def require_after(after: float | str, *words: str) -> None:

@@ -32,10 +32,11 @@ from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis import DriveModel, Lag, StageModes, ValidityRange
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.hysteresis.requests import ModeTolerance, SettleRequest
+from flexstage.hysteresis.requests import ModeTolerance
 from flexstage.records import Channel, Record
 from flexstage.records.record import SIMULATED
 from flexstage.stage import PiezoStack, Stage
+from flexstage.studies.requests import SettleRequest
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.piezo_loop import amplifier_of
