@@ -65,6 +65,11 @@ class Loopback:
         }
         self.scheduler = self.start(scheduler)
         self.workers = self.start(worker)
+        # a computer with other work takes longer to start a scheduler than a client waits for one
+        deadline = time.monotonic() + 120.0
+        while "Scheduler at" not in (folder / "log.txt").read_text():
+            assert self.scheduler.poll() is None and time.monotonic() < deadline
+            time.sleep(0.05)
 
     def start(self, words: list[str]) -> psutil.Popen:
         """Start a command that stays."""

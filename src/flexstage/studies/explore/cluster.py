@@ -61,6 +61,8 @@ class Cluster:
         except OSError as error:
             self._quiet.close()
             raise self._lost() from error
+        # waits of Dask that end with its loop would be printed; a fault of a batch is raised
+        cast(Any, self._client.loop).asyncio_loop.set_exception_handler(lambda *_: None)
 
     def finished(
         self, job: Job, numbers: Sequence[int], wait: Callable[[str], None]
