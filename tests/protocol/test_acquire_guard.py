@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from tests.simple_instrument import SimpleInstrument
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX are sent")
 
 #: Real time within which a block that waits has been ended [s]: it takes milliseconds.
-SOON = 10.0
+SOON = 60.0
 
 
 @pytest.fixture(autouse=True)
@@ -303,6 +304,30 @@ def test_an_interrupt_at_any_moment_leaves_the_stage_stopped_or_the_block_done()
     assert interrupted > 0
 
 
+def test_an_interrupt_before_the_block_and_at_its_end_leaves_signals_as_they_were(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    instrument = raised()
+    with monkeypatch.context() as patch:
+        patch.setattr(Guard, "allow", lambda *_: signal.raise_signal(signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt), guarded(instrument, timeout=1.0):
+            pytest.fail("the block runs")
+    assert is_safe(instrument)
+
+    instrument = raised()
+    with pytest.raises(KeyboardInterrupt), guarded(instrument) as guard:
+        guard._handle(signal.SIGINT, SimpleNamespace(f_code=Guard.__exit__.__code__))
+    assert is_safe(instrument)
+
+    # while the handlers are given back one after the other
+    own = signal.signal
+    with pytest.raises(KeyboardInterrupt), guarded(raised()):
+        monkeypatch.setattr(
+            signal, "signal", lambda *a: [own(*a), signal.raise_signal(signal.SIGINT)]
+        )
+    monkeypatch.undo()
+
+
 PROGRAM = """
 import os, sys, time
 sys.path.insert(0, {root!r})
@@ -346,7 +371,7 @@ def test_a_program_that_is_told_to_end_twice_leaves_the_stage_safe(
             process.send_signal(number)
             assert process.stdout.readline() == "stopped\n"
             process.send_signal(number)
-            out, _ = process.communicate(timeout=30)
+            out, _ = process.communicate(timeout=300)
         finally:
             process.kill()
     assert out.splitlines()[-1] == "0.0"

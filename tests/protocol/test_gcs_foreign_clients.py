@@ -308,7 +308,7 @@ class Socket:
     """A client in the network, as simple as most are."""
 
     def __init__(self, address):
-        self.link = socket.create_connection(address, timeout=10.0)
+        self.link = socket.create_connection(address, timeout=300.0)
         self.came = b""
 
     def ask(self, text):

@@ -155,6 +155,6 @@ def test_the_shell_completes(typed: str, offered: list[str]) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=300,
     )
     assert done.stdout.split()[: len(offered)] == offered

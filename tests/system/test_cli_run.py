@@ -17,7 +17,7 @@ from flexstage.records import read_record
 from tests.result_schema import require_valid
 
 TWIN = "twin://?seed=7&model=lumped"
-TIMEOUT = 120.0
+TIMEOUT = 300.0
 PLAN = """\
 plan: 1
 title: a small one

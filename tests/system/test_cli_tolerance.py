@@ -305,7 +305,7 @@ def test_a_run_that_was_killed_goes_on_from_what_is_there(tmp_path):
     process = subprocess.Popen(
         [*words, tmp_path / "broken"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
-    until = time.monotonic() + 120.0
+    until = time.monotonic() + 300.0
     while len(list(batches.glob("batch-*.npz"))) < 4 and time.monotonic() < until:
         time.sleep(0.02)
     os.kill(process.pid, signal.SIGKILL)

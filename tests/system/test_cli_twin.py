@@ -16,7 +16,7 @@ from flexstage.records import read_record
 from flexstage.stage.designs import design
 from flexstage.virtual import virtual_stage
 
-TIMEOUT = 120.0
+TIMEOUT = 300.0
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
 

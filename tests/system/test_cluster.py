@@ -66,9 +66,10 @@ class Loopback:
         self.scheduler = self.start(scheduler)
         self.workers = self.start(worker)
         # a computer with other work takes longer to start a scheduler than a client waits for one
-        deadline = time.monotonic() + 120.0
+        deadline = time.monotonic() + 300.0
         while "Scheduler at" not in (folder / "log.txt").read_text():
-            assert self.scheduler.poll() is None and time.monotonic() < deadline
+            assert self.scheduler.poll() is None
+            assert time.monotonic() < deadline
             time.sleep(0.05)
 
     def start(self, words: list[str]) -> psutil.Popen:
@@ -306,11 +307,11 @@ def test_ctrl_c_is_left_to_the_cluster(unharmed, tmp_path):
         cwd=tmp_path, start_new_session=True,
     )  # fmt: skip
     batches = tmp_path / "made" / "unfinished"
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 300.0
     while len(list(batches.glob("batch-*.npz"))) < 3 and time.monotonic() < deadline:
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=120.0)
+    _, said = process.communicate(timeout=300.0)
     assert process.returncode == 130
     assert "Traceback" not in said
     assert said.splitlines()[-1] == "flexstage: interrupted"

@@ -18,7 +18,7 @@ from tests.tiers import sizes
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
-TIMEOUT = 60.0
+TIMEOUT = 300.0
 #: Cycles of which each takes 0.5 s of real time.
 CYCLES = 16
 PLAN = f"""\
@@ -54,7 +54,7 @@ def twin():
 
 
 def ask(port: int, line: str) -> str:
-    with socket.create_connection(("127.0.0.1", port), timeout=10.0) as link:
+    with socket.create_connection(("127.0.0.1", port), timeout=TIMEOUT) as link:
         link.sendall(f"{line}\n".encode())
         with link.makefile("rb") as answers:
             said = answers.readline().decode()

@@ -124,16 +124,16 @@ def test_ctrl_c_ends_all_processes_at_once_and_keeps_what_is_finished(tmp_path):
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         env=environment(),
     )  # fmt: skip
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 300.0
     while len(list(keep.glob("batch-*.npz"))) < 4 and time.monotonic() < deadline:
         time.sleep(0.05)
     workers = psutil.Process(process.pid).children(recursive=True)
     assert len(workers) >= 2
     os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=5.0)
+    _, said = process.communicate(timeout=30.0)
     assert "KeyboardInterrupt" in said.splitlines()[-1], said
     assert "distributed" not in said.splitlines()[0]
-    _, alive = psutil.wait_procs(workers, timeout=5.0)
+    _, alive = psutil.wait_procs(workers, timeout=30.0)
     assert not [child for child in alive if child.status() != psutil.STATUS_ZOMBIE]
     assert 4 <= len(list(keep.glob("batch-*.npz"))) < 60
 
@@ -143,7 +143,7 @@ def test_a_program_that_its_workers_would_run_again_is_a_sentence(tmp_path):
     program = tmp_path / "unguarded.py"
     program.write_text(PROGRAM.format(keep=str(tmp_path / "kept"), guard="True"), "utf-8")
     done = subprocess.run(
-        [sys.executable, program], capture_output=True, text=True, timeout=60.0, check=False,
+        [sys.executable, program], capture_output=True, text=True, timeout=300.0, check=False,
         env=environment(),
     )  # fmt: skip
     assert done.returncode == 1
@@ -155,7 +155,7 @@ def test_a_program_that_its_workers_would_run_again_is_a_sentence(tmp_path):
         "utf-8",
     )
     done = subprocess.run(
-        [sys.executable, "-W", "error", program], capture_output=True, text=True, timeout=60.0,
+        [sys.executable, "-W", "error", program], capture_output=True, text=True, timeout=300.0,
         check=False, env=environment(),
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")

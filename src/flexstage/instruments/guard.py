@@ -2,7 +2,6 @@
 
 import _thread
 import signal
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,6 +32,7 @@ class Guard:
         self._awake = False  # the block runs
         self._leaving = False  # the stage is being stopped, and signals must not interrupt this
         self._reason: str | None = None
+        self._late: BaseException | None = None  # of a signal at the start of `__exit__`
         self._handlers: dict[int, Any] = {}
         self._timer: threading.Timer | None = None
         self._stopping: threading.Thread | None = None
@@ -41,21 +41,20 @@ class Guard:
 
     def __enter__(self) -> Self:
         self._thread = threading.get_ident()
-        if threading.current_thread() is threading.main_thread():
-            for number in _ENDING:
-                before = signal.getsignal(number)
-                # Signals that are ignored (nohup) or handled outside Python are not changed.
-                if before is None or (before is signal.SIG_IGN and number != signal.SIGINT):
-                    continue
-                self._handlers[number] = before
-                signal.signal(number, self._handle)
-        with self._lock:
-            self._awake = True
+        try:
+            if threading.current_thread() is threading.main_thread():
+                self._take_signals()
+            with self._lock:
+                self._awake = True
+            if self._timeout is not None and self._reason is None:
+                self.allow(self._timeout)
+        except BaseException as interruption:  # a signal: `__exit__` is not called after it
+            self._settle(interruption)
+            self._restore()
+            raise
         if self._reason is not None:  # stopped before the block started
             self._restore()
             raise ControllerError(self._reason)
-        if self._timeout is not None:
-            self.allow(self._timeout)
         return self
 
     def __exit__(
@@ -66,6 +65,8 @@ class Guard:
     ) -> None:
         try:
             self._leaving = True
+            if error is None and self._late is not None:
+                raise self._late
             if error is None and self._reason is not None:
                 raise ControllerError(self._reason)
             self._settle(error)
@@ -115,8 +116,16 @@ class Guard:
                 else:
                     _thread.interrupt_main()
 
+    def _take_signals(self) -> None:
+        for number in _ENDING:
+            before = signal.getsignal(number)
+            # Signals that are ignored (nohup) or handled outside Python are not changed.
+            if before is None or (before is signal.SIG_IGN and number != signal.SIGINT):
+                continue
+            self._handlers[number] = before
+            signal.signal(number, self._handle)
+
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        del frame
         if self._leaving:
             return
         if self._reason is None and self._handlers.get(number) is signal.SIG_IGN:
@@ -125,11 +134,16 @@ class Guard:
         # In another thread, since the interrupted code may hold a lock that sending needs.
         self._stopping = threading.Thread(target=self._instrument.stop, daemon=True)
         self._stopping.start()
+        error: BaseException
         if self._reason is not None:
-            raise ControllerError(self._reason)
-        if number == signal.SIGINT:
-            raise KeyboardInterrupt
-        sys.exit(128 + number)
+            error = ControllerError(self._reason)
+        else:
+            error = KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
+        # Raised at the first instruction of `__exit__`, it would pass by its `finally`.
+        if frame is not None and frame.f_code is Guard.__exit__.__code__:
+            self._late = error
+        else:
+            raise error
 
     def _settle(self, error: BaseException | None) -> None:
         self._leaving = True
@@ -149,8 +163,9 @@ class Guard:
             self._timer.cancel()
         with self._lock:
             self._awake = False
-        for number, before in self._handlers.items():
-            signal.signal(number, before)
+        # Ctrl-C last: from then on it raises here again.
+        for number in reversed(list(self._handlers)):
+            signal.signal(number, self._handlers[number])
         self._handlers = {}
 
 
