@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -296,6 +297,28 @@ def test_what_is_no_scheduler_is_a_sentence(unharmed, monkeypatch):
             workers.run(job())
 
 
+def test_a_cluster_that_says_nothing_more_does_not_hold_up_ctrl_c(unharmed, monkeypatch):
+    monkeypatch.setattr(cluster_module, "_TIMEOUT", 5.0)
+    silent, answered = threading.Event(), []
+    monkeypatch.setattr(
+        cluster_module.Client, "unregister_worker_plugin",
+        lambda *_: answered.append(silent.wait(100.0)),
+    )  # fmt: skip
+
+    def interrupt(what, done):
+        if done > 0.1:
+            raise KeyboardInterrupt
+
+    with (
+        pytest.raises(KeyboardInterrupt),
+        open_workers(scheduler=unharmed.address) as workers,
+        listen(interrupt),
+    ):
+        workers.run(job())
+    assert not answered
+    silent.set()
+
+
 def test_ctrl_c_is_left_to_the_cluster(unharmed, tmp_path):
     """A command that is interrupted leaves the workers to others."""
     words = [
@@ -303,7 +326,8 @@ def test_ctrl_c_is_left_to_the_cluster(unharmed, tmp_path):
         unharmed.address, "--folder", str(tmp_path / "made"), "--model", "lumped",
     ]  # fmt: skip
     process = subprocess.Popen(
-        words, env=unharmed.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        words, env={**unharmed.environment, "PYTHONFAULTHANDLER": "1"},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         cwd=tmp_path, start_new_session=True,
     )  # fmt: skip
     batches = tmp_path / "made" / "unfinished"
@@ -311,7 +335,11 @@ def test_ctrl_c_is_left_to_the_cluster(unharmed, tmp_path):
     while len(list(batches.glob("batch-*.npz"))) < 3 and time.monotonic() < deadline:
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=300.0)
+    try:
+        _, said = process.communicate(timeout=300.0)
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGABRT)  # where it stands still
+        pytest.fail(process.communicate()[1])
     assert process.returncode == 130
     assert "Traceback" not in said
     assert said.splitlines()[-1] == "flexstage: interrupted"

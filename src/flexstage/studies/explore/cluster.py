@@ -8,6 +8,7 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
+from threading import Thread
 from typing import Any, cast
 
 import dask.config
@@ -104,10 +105,16 @@ class Cluster:
                         raise crash_error(job, number, error.allowed_failures + 1) from error
                     suspects.append(number)
         finally:
-            # a lost worker does not answer, or has no plugin any more
-            with suppress(OSError, RuntimeError, KeyError, CancelledError):
-                self._client.cancel(list(running))
-                self._client.unregister_worker_plugin(name)
+            # a cluster that does not answer any more must not hold up Ctrl-C
+            cleanup = Thread(target=self._forget, args=(list(running), name), daemon=True)
+            cleanup.start()
+            cleanup.join(_TIMEOUT)
+
+    def _forget(self, running: list[Future], name: str) -> None:
+        # a lost worker does not answer, or has no plugin any more
+        with suppress(OSError, RuntimeError, KeyError, CancelledError):
+            self._client.cancel(running)
+            self._client.unregister_worker_plugin(name)
 
     def close(self, *, at_once: bool = False) -> None:
         """Disconnect from the cluster, whose workers continue for others."""
