@@ -8,7 +8,7 @@ import pytest
 
 from flexstage.base.errors import ModelError, NotConnectedError, PlanError
 from flexstage.base.progress import listen
-from flexstage.centring import ARCSEC, read_table
+from flexstage.centring import ARCSEC, exact_error, read_table
 from flexstage.centring.from_records import centre_files
 from flexstage.experiments import VerifiedStep, find_plan, read_plan, run_plan
 from flexstage.experiments.plan import dry_run, plan_from_text
@@ -508,6 +508,55 @@ def test_a_table_runs_alike_in_two_parts_and_its_heads_are_as_noisy_as_described
         noise.append(np.diff(error, 2) / np.sqrt(6.0))
     assert np.std(noise, axis=1) == pytest.approx(0.5 * ARCSEC, rel=0.1)
     assert np.max(np.abs(np.triu(np.corrcoef(noise), 1))) < 0.1
+
+
+@pytest.mark.parametrize("settings", [(0,), (0, 1, 4, 6)])
+def test_a_scale_is_centred_by_an_autocollimator_at_the_faces_of_a_polygon(
+    settings, tmp_path, monkeypatch
+):
+    """The polygon has an error of order 1, which only several settings tell from the scale's."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(centre, "_QUIET", 0.0)
+    (tmp_path / "turns").mkdir()
+    radius, alpha = 40e-3, np.radians(50.0)
+    plan = plan_from_text(
+        SENSORS + "  - {name: fine, centre: {radius: 40 mm, heads: [50 deg], target: 0.3 um,"
+        " records: {folder: turns, wait: 20 s}}}\n"
+    )
+    theta = np.arange(24) * np.pi / 12.0
+    # of 1 um at the radius
+    faces = 1e-6 / radius * np.sin(theta + alpha) + 2.0 * ARCSEC * np.cos(5.0 * theta)
+    random = np.random.default_rng(8)
+    rest, true = [], []
+
+    with connect("twin://?seed=11&model=lumped&quiet=1&scatter=0", design("vgtu-piezo")) as twin:
+
+        def heard(what: str, _: float) -> None:
+            if "turn the table and write" not in what:
+                return
+            at = np.array([twin.channel(1), twin.channel(2)])
+            rest[:] = rest or [at]
+            true.append(at - rest[0] + (14e-6, -11e-6))
+            off = exact_error(theta, true[-1], radius, head_angle=alpha)
+            rows = [
+                (faces + np.roll(off, -s)) / ARCSEC + s + random.normal(0.0, 0.05, 24)
+                for s in settings
+            ]
+            np.savetxt(
+                what.split(" write ")[1],
+                np.column_stack((np.arange(1, 25), *rows)),
+                delimiter=",",
+                comments="",
+                header=",".join(("face", *(f"s{s}" for s in settings))),
+            )
+
+        with listen(heard):
+            (step,) = run_plan(plan, twin, tmp_path / "run").steps
+    assert step.reached
+    seen = np.array([1e-6, 0.0]) if settings == (0,) else np.zeros(2)
+    for move, at in zip(step.moves, true, strict=True):
+        np.testing.assert_allclose(move.eccentricity, at + seen, atol=0.05e-6)
+    assert any("faces of order 1" in note for note in step.notes) == (settings == (0,))
 
 
 def test_readings_of_an_indicator_are_typed_in_with_their_unit(tmp_path):

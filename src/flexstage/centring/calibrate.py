@@ -152,8 +152,7 @@ def calibrate_files(
         raise ModelError("--best-heads and --step need no records: give one or the other")
     if request.method is None or request.method in ("closure", "rosette"):
         records = [read_whole(file, how)[0] for file in files]
-        faces = any(_is(channel, _FACES) for channel in records[0].channels)
-        if request.method or request.settings or faces:
+        if request.method or request.settings or at_faces(records[0]):
             return _of_polygon(records, request)
     return _of_turns(*read_turns(files, request, how))
 
@@ -245,7 +244,7 @@ def _method_of_turns(request: CalibrateRequest, heads: int) -> tuple[str, str]:
 
 
 def _of_polygon(records: Sequence[Record], request: CalibrateRequest) -> Calibration:
-    readings, names, notes = _face_readings(records, request)
+    readings, names, notes = face_readings(records, request)
     method, why = _method_of_polygon(request, names)
     _require_used(request, method)
     known: dict[str, Any] = {"noise": request.noise, "gain_uncertainty": request.gain_uncertainty}
@@ -288,7 +287,12 @@ def _method_of_polygon(request: CalibrateRequest, names: Sequence[str]) -> tuple
     )
 
 
-def _face_readings(
+def at_faces(record: Record) -> bool:
+    """Return whether a record has a column of the faces of a polygon."""
+    return any(_is(channel, _FACES) for channel in record.channels)
+
+
+def face_readings(
     records: Sequence[Record], request: CalibrateRequest
 ) -> tuple[Array, list[str], list[str]]:
     """Return readings of faces [rad], shape (faces, columns), names of the columns, and notes."""

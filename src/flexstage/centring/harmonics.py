@@ -70,10 +70,12 @@ def fit_harmonics(
     The harmonics are those of the error at the sampled angles; with non-uniform sampling, orders
     that are not fitted leak into them. One turn does not separate errors of the scale at most
     orders from noise, which widens the intervals, nor a drift that is below the noise from order 2
-    on, which they leave out; a sharp error of a single sample counts as an outlier. Noise over
-    fewer than eight turns: white, alone or with a random walk, a drift or noise below a corner
-    frequency, in samples at about equal steps. Errors of the angle times the slope of the values
-    are noise too.
+    on, which they leave out; a sharp error of a single sample counts as an outlier. Simulated
+    intervals of order 1 of one turn hold white noise in 93 to 96 %, but a random walk with 7 times
+    its part of order 1 in 45 to 73 %, and with 22 times or more in 74 to 95 %: a scale with errors
+    of a few low orders looks the same. Noise over fewer than eight turns: white, alone or with a
+    random walk, a drift or noise below a corner frequency, in samples at about equal steps. Errors
+    of the angle times the slope of the values are noise too.
 
     Raises
     ------

@@ -4,7 +4,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import count, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -17,7 +17,13 @@ from flexstage.base.choose import has_no
 from flexstage.base.errors import PlanError
 from flexstage.centring.geometry import ScaleKind
 from flexstage.centring.move import Positioner, PositionerAxis
-from flexstage.centring.requests import CentreRequest, HeadAngles, MountingAngle, ScaleRadius
+from flexstage.centring.requests import (
+    CalibrateRequest,
+    CentreRequest,
+    HeadAngles,
+    MountingAngle,
+    ScaleRadius,
+)
 from flexstage.experiments.axis_limits import AxisSetting, axis_setting, estimated_stroke
 from flexstage.experiments.command import prepare_loops
 from flexstage.experiments.verb import (
@@ -42,8 +48,8 @@ from flexstage.quantities.units import DIMENSIONS, Angle, Frequency, Length, Tim
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
-    from flexstage.centring.from_records import CentredRecords
     from flexstage.centring.procedure import CentreReading
+    from flexstage.centring.setup import Setup
     from flexstage.quantities.table import Content
     from flexstage.virtual.table import VirtualTable
 
@@ -70,8 +76,9 @@ class RecordedTurns:
     """Records of the heads, one for each position of the stage: by the instrument, or files."""
 
     folder: str | None = None
-    """Folder in which files appear, as STEP-0.csv, STEP-1.csv and so on (default: the instrument
-    records the columns, which are sensors of the plan).
+    """Folder in which files appear, as STEP-0.csv, STEP-1.csv and so on: turns, or, with a column
+    of faces and no columns named here, readings of a polygon by an autocollimator (default: the
+    instrument records the columns, which are sensors of the plan).
     """
     angle: str | None = None
     """Column of the true angle of the table."""
@@ -279,7 +286,9 @@ class Centre(Verb):
         self, name: str, folder: Path, records: RecordedTurns, notes: list[str]
     ) -> Callable[[], "CentreReading"]:
         """Return the function that waits for the next file and returns its eccentricity."""
+        from flexstage.centring.calibrate import at_faces
         from flexstage.centring.from_records import centre_files
+        from flexstage.records.contents import read_whole
 
         earlier = sorted(folder.glob(f"{name}-*.csv"))
         if earlier:
@@ -293,7 +302,9 @@ class Centre(Verb):
         def measure() -> "CentreReading":
             file = folder / f"{name}-{next(numbers)}.csv"
             _await(file, records.wait)
-            return _eccentricity(centre_files([file], request), file, notes)
+            if not records.columns and at_faces(read_whole(file)[0]):
+                return _at_polygon(file, request, notes)
+            return _eccentricity(centre_files([file], request).setups, file, notes)
 
         return measure
 
@@ -323,7 +334,7 @@ class Centre(Verb):
                 record = record_now(context.instrument, signals, rate, samples, writer)
             files.append(stream.with_suffix(".h5"))
             _require_turn(record.channels[0].values, records)
-            return _eccentricity(centre_records([record], request), files[-1], notes)
+            return _eccentricity(centre_records([record], request).setups, files[-1], notes)
 
         return measure
 
@@ -419,15 +430,66 @@ class CentredStep(StepResult):
         )
 
 
-def _eccentricity(centred: "CentredRecords", file: Path, notes: list[str]) -> "CentreReading":
+def _eccentricity(setups: "list[Setup]", file: Path, notes: list[str]) -> "CentreReading":
     """Return the eccentricity of a record, and add the notes on it."""
     from flexstage.centring.procedure import centre_reading
 
-    (setup,) = centred.setups
+    (setup,) = setups
     notes += setup.notes
     if setup.centre is None:
         raise PlanError(f"{file} shows no eccentricity: {'; '.join(setup.notes)}")
     return centre_reading(setup.centre)
+
+
+def _at_polygon(file: Path, request: CentreRequest, notes: list[str]) -> "CentreReading":
+    r"""Return the eccentricity by an autocollimator that reads the faces of a polygon on the table.
+
+    The table stands where a head at alpha reads the nominal angle theta of each face, and is off it
+    by b. One column of readings is -b for a polygon without errors; several are a rosette, which
+    separates the two (`dual_closure`). At the radius R, to first order in e/R,
+
+    .. math:: b = -\frac{e}{R} \sin(\theta + \alpha - \varphi), \qquad
+        e_x + j e_y = \frac{2 R}{n} \sum b\, j\, e^{j (\theta + \alpha)}.
+    """
+    from flexstage.centring.calibrate import calibrate_files, face_readings
+    from flexstage.centring.eccentricity import HeadReadings
+    from flexstage.centring.procedure import CentreReading
+    from flexstage.centring.setup import fit_setup
+    from flexstage.records.contents import read_whole
+
+    if len(request.heads) != 1 or request.radius is None:
+        raise PlanError(
+            f"{file} has readings of a polygon, at which the table is set by one head: give the "
+            f"angle of this head alone, got {len(request.heads)} angles"
+        )
+    (alpha,) = request.heads
+    polygon = CalibrateRequest(unit=request.unit)
+    readings, names, remarks = face_readings([read_whole(file)[0]], polygon)
+    notes += remarks
+    theta = 2.0 * math.pi * np.arange(len(readings)) / len(readings)
+    if len(names) == 1:
+        read = np.isfinite(readings[:, 0])
+        head = HeadReadings(
+            angle=theta[read], error=readings[read, 0], head_angle=alpha, name=names[0]
+        )
+        notes.append(
+            "errors of the polygon's faces of order 1 count as eccentricity: read it in several "
+            "settings on the table"
+        )
+        setup = fit_setup([head], False, request.radius, request.kind, None, request.outliers)
+        return _eccentricity([setup], file, notes)
+    table = calibrate_files([file], replace(polygon, method="rosette")).divisions[1]
+    if 1 in table.blind:
+        raise PlanError(
+            f"the settings of {file} do not show order 1: choose others, such as 0 and 1"
+        )
+    wave = (2.0j * request.radius / theta.size) * np.exp(1j * (theta + alpha))
+    weights = np.array([wave.real, wave.imag])
+    return CentreReading(
+        vector=weights @ table.error,
+        covariance=weights @ table.covariance @ weights.T,
+        degrees_of_freedom=table.contributions[0].degrees_of_freedom,
+    )
 
 
 def _require_turn(angle: Array, records: RecordedTurns) -> None:
