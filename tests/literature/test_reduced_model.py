@@ -5,7 +5,9 @@ Octave, EXUDYN and from OUTPUT4 text $10^{-9}$; free: six rigid modes, mass in c
 $10^{-5}$; a joint by Ansys on the platform: statics in series $10^{-5}$
 """
 
+import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from scipy.io import loadmat, savemat
 from scipy.linalg import eigh
 
 from flexstage.base.errors import FlexstageError
+from flexstage.cli import main
 from flexstage.export.reduced import (
     Superelement,
     joined,
@@ -26,8 +29,9 @@ from flexstage.export.reduced import (
 from flexstage.fem import superelement_model
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.superelement import SuperelementModel
-from flexstage.stage import Circle, mass_properties
+from flexstage.stage import Circle, Stage, mass_properties
 from flexstage.stage.contour import body_contour
+from flexstage.stage.file import write_stage
 from flexstage.system import modes
 from tests.hinged_bars import hinged_bars
 from tests.octave_program import OCTAVE, run_octave
@@ -272,7 +276,38 @@ def test_an_actuator_by_ansys_has_its_frames() -> None:
     assert len(actuator.K) - 6 * 7 == sum("mode" in name for name in actuator.coordinates)
 
 
-def test_what_does_not_fit_is_refused(model: Superelement, tmp_path: Path) -> None:
+def test_the_command_writes_the_files(
+    folder: Path,
+    source: SuperelementModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """By superelements in space, here those of the other tests, whatever the model."""
+    asked = []
+
+    def made(stage: Stage, *, space: bool) -> SuperelementModel:
+        asked.append((stage, space))
+        return source
+
+    monkeypatch.setattr("flexstage.export.reduced.superelement_model", made)
+    file = tmp_path / "bars.yaml"
+    write_stage(STAGE, file)
+    out = tmp_path / "out"
+    with pytest.raises(SystemExit) as end:
+        main(["export", str(file), "--to", "reduced", "--folder", str(out), "--json"])
+    assert not end.value.code
+    assert [(stage.name, space) for stage, space in asked] == [(STAGE.name, True)]
+    assert {p.name: p.read_bytes() for p in out.iterdir()} == {
+        p.name: p.read_bytes() for p in folder.glob("*-reduced.*")
+    }
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert "Drive 'push' stands on the ground." in notes
+
+
+def test_what_does_not_fit_is_refused(
+    model: Superelement, source: SuperelementModel, tmp_path: Path
+) -> None:
     file = tmp_path / "other.mat"
     for variables, said in (
         ({"A": np.eye(2)}, "must have P"),
@@ -287,6 +322,7 @@ def test_what_does_not_fit_is_refused(model: Superelement, tmp_path: Path) -> No
         read_reduced(file)
     with pytest.raises(FlexstageError, match="no frame 'tip': choose from ground, standing"):
         joined(model, model, ("ground", "tip"))
-    plane = superelement_model(STAGE, MeshSettings(order=1, neck_size=2.0), cache=False)
+    count = len(STAGE.bodies)  # those that move in the plane come first
+    plane = replace(source, placed=source.placed[:count], condensed=source.condensed[:count])
     with pytest.raises(FlexstageError, match="superelements in space"):
         reduced_model(plane)

@@ -51,7 +51,13 @@ def test_the_writer_of_a_format_exists(name: str) -> None:
     assert callable(getattr(import_module(module), function))
 
 
-@pytest.mark.parametrize("name", sorted(_HOLDS))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name == "reduced" else ())
+        for name in sorted(_HOLDS)
+    ],
+)
 def test_a_format_is_written(name: str, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out"
     # by finite elements in space, whatever the model
