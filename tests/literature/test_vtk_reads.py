@@ -19,7 +19,7 @@ import pytest
 from numpy.typing import NDArray
 
 from flexstage.base.errors import ModelError
-from flexstage.export.vtu.fields import field_files
+from flexstage.export.fields import field_files
 from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model
 from flexstage.hinges import Leaf
 from flexstage.lumped import lumped_system

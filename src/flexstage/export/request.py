@@ -37,6 +37,8 @@ class ExportFormat:
     """
     in_time: bool = False
     """Simulated in time, with the hysteresis of the stacks."""
+    in_all: bool = True
+    """Written by ``all``; others are only written by name."""
 
 
 #: Formats by name.
@@ -57,9 +59,10 @@ FORMATS: Mapping[str, ExportFormat] = {
     "step": ExportFormat("solid, STEP", "step.export"),
     "dxf": ExportFormat("contours for cutting, DXF", "drawing.dxf.export"),
     "drawing": ExportFormat("drawing with dimensions, SVG", "drawing.sheet.export"),
-    "vtu": ExportFormat("statics and modes for ParaView", "vtu.fields.export"),
+    "vtu": ExportFormat("statics and modes for ParaView", "fields.export"),
     "uff": ExportFormat("modes and responses, universal file", "modal_file.export"),
     "csv": ExportFormat("characteristics, CSV", "tables.export"),
+    "reduced": ExportFormat("reduced model with interface frames", "reduced.export", in_all=False),
 }
 _ALL = "all"
 
@@ -97,7 +100,9 @@ class ExportRequest(Request):
     """Export of a stage for other programs."""
 
     to: Annotated[tuple[str, ...], Written("|".join(FORMATS), read=read_formats, write=",".join)]
-    """Formats separated by commas; 'all' writes every format that is possible for the stage."""
+    """Formats separated by commas; 'all' writes every format that is possible for the stage, except
+    reduced, which needs finite elements in space.
+    """
     model: ModelName = "superelement"
     """Model of the stage."""
     plane: Plane = "auto"
@@ -144,7 +149,7 @@ class StageExport:
         """
         names = self.request.to
         if names == (_ALL,):
-            names, skip_unsuitable = tuple(FORMATS), True
+            names, skip_unsuitable = tuple(n for n, f in FORMATS.items() if f.in_all), True
         if not skip_unsuitable and any(FORMATS[name].in_time for name in names):
             self.require_hysteresis()
         files: dict[str, dict[str, bytes]] = {}

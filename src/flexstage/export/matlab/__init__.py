@@ -12,7 +12,7 @@ from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
 from flexstage.export.control_object import linear_part, rest_shape, state_names
 from flexstage.export.request import StageExport
-from flexstage.export.simulink.matlab_text import KEYWORDS, mat_file
+from flexstage.export.simulink.matlab_text import KEYWORDS, cell, mat_file
 from flexstage.hysteresis import Amplifier
 from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
@@ -126,7 +126,7 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
         "title": stage.title,
         "mechanical_model": system.model,
         "version": f"flexstage {__version__}",
-        "notes": _cell(_notes(model)),
+        "notes": cell(_notes(model)),
         "step": model.step,
         # first order, continuous
         "A": form.A,
@@ -144,9 +144,9 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
         # discrete, held between samples (zero-order hold); A, C and D as above
         "Bd_held": step.zero_order_hold,
         "Dd_held": form.D,
-        "inputs": _cell(form.inputs),
-        "outputs": _cell(form.outputs),
-        "states": _cell(state_names(model)),
+        "inputs": cell(form.inputs),
+        "outputs": cell(form.outputs),
+        "states": cell(state_names(model)),
         # second order, in the coordinates of the model
         "M": system.M,
         "M_in_place": system.mass_matrix("in place"),
@@ -156,7 +156,7 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
         "drive_vectors": _columns([d.vector for d in system.drives], system.order),
         "held_vectors": imposed,
         "probe_vectors": _columns([p.vector for p in system.probes], system.order).T,
-        "coordinates": _cell(system.coordinates),
+        "coordinates": cell(system.coordinates),
         "shapes": shapes.shapes[:, :k],
         "omega": model.omega,
         "frequency_hz": model.omega / (2.0 * np.pi),
@@ -286,12 +286,6 @@ def _pair(value: tuple[float, float] | None) -> Array:
 
 def _columns(vectors: list[Array], order: int) -> Array:
     return np.array(vectors).reshape(len(vectors), order).T
-
-
-def _cell(texts: tuple[str, ...]) -> Any:
-    cell = np.empty((len(texts), 1), dtype=object)
-    cell[:, 0] = texts
-    return cell
 
 
 def _structs(rows: list[dict[str, Any]]) -> Any:

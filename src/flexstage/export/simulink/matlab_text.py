@@ -171,3 +171,10 @@ def mat_file(variables: Mapping[str, Any]) -> bytes:
     # without a date, which would make every file different
     text = f"MATLAB 5.0 MAT-file, written by flexstage {__version__}"
     return text.ljust(_HEADER).encode("ascii")[:_HEADER] + stream.getvalue()[_HEADER:]
+
+
+def cell(texts: tuple[str, ...]) -> Any:
+    """Return texts as a column of cells of a .mat file."""
+    column = np.empty((len(texts), 1), dtype=object)
+    column[:, 0] = texts
+    return column

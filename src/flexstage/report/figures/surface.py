@@ -7,7 +7,7 @@ import numpy as np
 
 from flexstage.base import progress
 from flexstage.base.arrays import Array, Integers
-from flexstage.export.vtu.body_cells import BodyCells, body_cells
+from flexstage.export.body_cells import BodyCells, body_cells
 from flexstage.quantities.quantity import number
 from flexstage.report.figures.body_motion import MOST_MODES, full_stroke
 from flexstage.system import Analysis, AxisAnalysis, DriveCondition

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
+from flexstage.export.body_cells import body_cells
 from flexstage.export.request import StageExport
-from flexstage.export.vtu.body_cells import body_cells
 from flexstage.files.names import file_names
 from flexstage.files.plain import csv_text
 from flexstage.stage import Stage
