@@ -1,8 +1,8 @@
 r"""The reduced model of a stage as other programs read it, and super-elements of others on it.
 
 Evidence (Exported files): reduced model with interface frames, ground held: frequencies in SciPy,
-Octave, EXUDYN and from OUTPUT4 text $10^{-9}$; free: six rigid modes, mass in closed form
-$10^{-5}$; a joint by Ansys on the platform: statics in series $10^{-5}$
+Octave and from OUTPUT4 text $10^{-9}$, in EXUDYN $10^{-6}$; free: six rigid modes, mass in closed
+form $2\times10^{-5}$; a flexure by Ansys on the platform: statics in series $10^{-5}$
 """
 
 import json
