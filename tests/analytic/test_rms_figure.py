@@ -4,6 +4,7 @@ A white force on a platform of mass m leaves F/(m (8 zeta omega^3)^(1/2)) at eve
 fall as one over the thickness of the plate, as E^(-3/4) and as the density to -1/4.
 """
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,11 @@ from flexstage.base.errors import ModelError
 from flexstage.control.dynamic_budget import dynamic_budget
 from flexstage.control.environment import Environment, environment_from_text
 from flexstage.lumped import assemble_batch, lumped_system, stage_arrays
+from flexstage.quantities.table import Table
+from flexstage.report.study import study_section
+from flexstage.report.tables import rms_unit
 from flexstage.stage.designs import StageTemplate, design
+from flexstage.studies import run_study
 from flexstage.studies.explore.family import Family, evaluate, jacobian, known_figures
 from flexstage.studies.explore.figures import Figure, figures_of
 from flexstage.studies.explore.manufactured_samples import process_of, sample_figures
@@ -25,8 +30,13 @@ from flexstage.studies.explore.requests import OptimiseRequest, SweepRequest, To
 from flexstage.studies.explore.tolerance import with_necks
 from flexstage.studies.explore.variables import variables_of
 from flexstage.studies.explore.workers import Workers
+from flexstage.studies.models import open_budget
+from flexstage.studies.requests import StudyRequest
+from flexstage.studies.results import results_json
+from flexstage.studies.study import environment_of
 from flexstage.system.batch import sample_systems
 from flexstage.virtual.imperfections import Scatter
+from tests.result_schema import require_valid
 
 RMS = Figure(quantity="rms_displacement", axis="x")
 FORCE = """
@@ -202,3 +212,29 @@ sources:
     assert names == ["rms_displacement.tip"]
     with pytest.raises(ModelError, match=r"'rms.x' is one of a stage in its surroundings.*--env"):
         figures_of(["rms.x"], known_figures(three))
+
+
+def test_study_shows_the_rms_of_every_axis_by_source(tmp_path: Path) -> None:
+    (tmp_path / "sound.yaml").write_text(FORCE.replace("platform", "PY"), "utf-8")
+    study = run_study(PIEZO, model="lumped", environment=tmp_path / "sound.yaml")
+    words, *_ = study_section(study, "quiet").content
+    assert "The environment 'sound' is the one given. Rms from 0.1 to 20000 Hz" in str(words)
+    require_valid(json.loads(results_json(study.to_dict())), "study")
+    assert environment_of(PIEZO, StudyRequest.of_models("lumped")) is None
+    for name in ("vgtu-piezo", "vgtu-mechanical"):
+        stage, request = design(name), StudyRequest()
+        environment = environment_of(stage, request)
+        assert environment is not None
+        budget = open_budget(stage, lumped_system(stage), environment)
+        assumed = replace(study, request=request, stage=stage, budget=budget)
+        words, rows, *_ = study_section(assumed, "quiet").content
+        assert "The environment 'assumed laboratory' is assumed, not measured" in str(words)
+        assert isinstance(rows, Table)
+        shown = np.array([[float(cell.text) for cell in row[2:]] for row in rows.rows])
+        # three digits are shown
+        assert np.sqrt(np.sum(shown[:-1] ** 2, axis=0)) == pytest.approx(shown[-1], rel=6e-3)
+        for column, axis in enumerate("xy"):
+            alone = rms_of(stage, replace(environment, points=()), axis)
+            factor, unit = rms_unit(budget.budgets)
+            assert shown[-1, column] == pytest.approx(factor * alone, rel=6e-3)
+            assert f"[{unit}]" in rows.caption
