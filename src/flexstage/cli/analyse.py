@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from flexstage.control.dynamic_budget import DynamicBudget
     from flexstage.studies import ModelRun
     from flexstage.studies.models import ModelRuns
     from flexstage.system import Analysis
@@ -53,7 +54,8 @@ def analyse(
     ----------
     folder
         Write analysis.json with the Bode data, a Bode diagram of each axis, the workspace of all
-        drives together, and with --rate the working line of each stack.
+        drives together, with --rate the working line of each stack, and with --environment density
+        and cumulative amplitude by source.
     vtu
         Also write static shapes at full stroke and mode shapes for ParaView, to vtu/ in --folder
         (plane and solid models).
@@ -72,8 +74,8 @@ def analyse(
         print_result(runs.to_dict(), files)
         return
     screen = console()
-    for run in runs.runs.values():
-        _print(screen, run)
+    for name, run in runs.runs.items():
+        _print(screen, run, runs.budgets.get(name))
     skipped = (f"{name} model skipped: {why}" for name, why in runs.skipped_models.items())
     print_notes(screen, skipped, files)
 
@@ -85,7 +87,12 @@ def _write_files(
     if folder is None and figure is None:
         return []
     from flexstage.files.write import write_files
-    from flexstage.report.result_files import analysis_files, bode_files, working_line_files
+    from flexstage.report.result_files import (
+        analysis_files,
+        bode_files,
+        budget_files,
+        working_line_files,
+    )
 
     files: list[Path] = []
     runs = results.runs
@@ -94,7 +101,9 @@ def _write_files(
         if within is not None:
             single = replace(results, runs={name: run}, skipped_models={})
             written = analysis_files(run.analysis, single.to_dict())
-            files += write_files(within, written | working_line_files(run.stacks))
+            budget = results.budgets.get(name)
+            pictures = {} if budget is None else budget_files(budget)
+            files += write_files(within, written | working_line_files(run.stacks) | pictures)
             if vtu and run.mesh is not None:
                 from flexstage.export import field_files
 
@@ -107,7 +116,7 @@ def _write_files(
     return files
 
 
-def _print(screen: "Console", run: "ModelRun") -> None:
+def _print(screen: "Console", run: "ModelRun", budget: "DynamicBudget | None") -> None:
     from flexstage.report.stacks import seat_sentences, stack_tables
 
     analysis = run.analysis
@@ -120,7 +129,13 @@ def _print(screen: "Console", run: "ModelRun") -> None:
     _bars(screen, run.bars)
     for table in stack_tables(run.stacks):
         display_table(screen, table)
-    print_notes(screen, (*analysis.validity, *seat_sentences(analysis)))
+    notes = (*analysis.validity, *seat_sentences(analysis))
+    if budget is not None:
+        from flexstage.cli.budget import print_budget
+
+        print_budget(screen, budget)
+        notes += tuple(f"{note[:1].upper()}{note[1:]}." for note in budget.notes)
+    print_notes(screen, notes)
 
 
 def _characteristics(screen: "Console", analysis: "Analysis") -> None:

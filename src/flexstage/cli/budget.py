@@ -47,30 +47,23 @@ def budget(
         print_result(result.to_dict(), files)
         return
     screen = console()
-    for point in dict.fromkeys(b.point for b in result.budgets):
-        _print_point(screen, result, [b for b in result.budgets if b.point == point])
+    print_budget(screen, result)
     print_notes(screen, result.notes, files)
 
 
+def print_budget(screen: "Console", result: "DynamicBudget") -> None:
+    """Print the tables of a budget, by point of interest."""
+    for point in dict.fromkeys(b.point for b in result.budgets):
+        _print_point(screen, result, [b for b in result.budgets if b.point == point])
+
+
 def _print_point(screen: "Console", result: "DynamicBudget", budgets: "list[PointBudget]") -> None:
-    from flexstage.quantities.quantity import number, prefixed
+    from flexstage.quantities.quantity import number
+    from flexstage.report.tables import rms_rows, rms_unit
 
-    factor, prefix = prefixed(max(b.total for b in budgets), 1.0)
-    unit, last = f"{prefix}{budgets[0].unit}", budgets[-1]
-
-    def size(value: float) -> str:
-        return number(factor * value, 3)
-
-    rows = [
-        (source.name, source.kind, *(size(b.rms(b.sources[k])) for b in budgets))
-        for k, source in enumerate(last.sources)
-    ]
-    rows.append(("total", "", *(size(b.total) for b in budgets)))
-    if result.exposure is not None:
-        exposed = [b.exposed(result.exposure) for b in budgets]
-        over = f"{1e3 * result.exposure:g} ms"
-        rows.append((f"average over {over}", "", *(size(average) for average, _ in exposed)))
-        rows.append((f"deviation in {over}", "", *(size(deviation) for _, deviation in exposed)))
+    factor, unit = rms_unit(budgets)
+    last = budgets[-1]
+    rows = rms_rows(budgets, result.exposure)
     peaks = ["1" if b.margins is None else number(b.margins.sensitivity_peak, 3) for b in budgets]
     rows.append(("largest sensitivity", "1", *peaks))
     caption = f"{result.stage}, {last.point}: rms in {unit}"
@@ -79,7 +72,10 @@ def _print_point(screen: "Console", result: "DynamicBudget", budgets: "list[Poin
         screen,
         f"{last.point} with loop {last.loop}: rms in {unit} by frequency",
         ("<source", *(f"{low:g} to {high:g} Hz" for low, high in last.bands)),
-        [(s.name, *(size(last.rms(s, band)) for band in last.bands)) for s in last.sources],
+        [
+            (s.name, *(number(factor * last.rms(s, band), 3) for band in last.bands))
+            for s in last.sources
+        ],
     )
     print_table(
         screen,

@@ -17,7 +17,7 @@ neglected. C and P are exact for the sampled loop, H is that of the band below h
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -36,6 +36,7 @@ from flexstage.control.environment import (
     NoiseSource,
     Point,
     PositionLoop,
+    SensorNoise,
     crossover_of,
     integral_loop,
     read_loop,
@@ -45,6 +46,7 @@ from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.hysteresis import StageModes
 from flexstage.stage import PiezoStack, Stage
+from flexstage.system.figure_source import Key
 from flexstage.system.mechanical import (
     Damping,
     GroundDirection,
@@ -59,6 +61,8 @@ from flexstage.system.servo import ServoSettings
 
 #: Name of the stage without control.
 OPEN = "open"
+#: Name of the rms of a point by the unit of its probe.
+_RMS = {"m": "rms_displacement", "rad": "rms_rotation"}
 #: Lines of a band, and about each mode over so many half widths.
 _LINES, _NEAR, _WIDTHS = 1500, 300, 12.0
 #: Largest change of the logarithm of the total from line to line, and rounds to reach it.
@@ -270,11 +274,15 @@ def dynamic_budget(
     -----
     Validity: see the module. The base of the stage is rigid and moves with the ground.
     """
-    if not stage.axes:
-        raise ModelError(f"stage '{stage.name}' has no axis to control: add one")
-    controlled = stage.axis(axis or stage.axes[0].name)
-    points = environment.points or (Point(name=controlled.probe, probe=controlled.probe),)
-    setup = _Setup(stage, system, environment, controlled.name, points)
+    setup = _open_setup(stage, system, environment, axis)
+    controlled = stage.axis(setup.axis)
+    unit = stage.probe(controlled.probe).unit
+    for source in environment.sources:
+        if isinstance(source, SensorNoise) and source.spectrum.unit != unit:
+            raise ModelError(
+                f"source '{source.name}' is noise in {source.spectrum.unit}, but the sensor of "
+                f"axis '{controlled.name}' reads {unit}: convert it"
+            )
     closed = [replace(setup, loop=_loop_of(loop, setup)) for loop in loops]
     names = [OPEN, *(one.loop.name for one in closed if one.loop is not None)]
     if twice := next((name for name in names if names.count(name) > 1), None):
@@ -289,6 +297,69 @@ def dynamic_budget(
         exposure=exposure,
         notes=_notes(setup),
     )
+
+
+def open_rms(
+    stage: Stage,
+    system: MechanicalSystem,
+    environment: Environment,
+    keys: Collection[Key] | None = None,
+) -> dict[Key, float]:
+    r"""Return the rms that an environment leaves without control, its drives in place.
+
+    .. math:: \sigma = \Bigl(\sum_d \int |H_d|^2 S_d\,df\Bigr)^{1/2}
+
+    over the sources d, as `dynamic_budget` integrates it for the open stage.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage, for the voltages of its drives.
+    system : MechanicalSystem
+        Its model.
+    environment : Environment
+        Its disturbances and points of interest.
+    keys : Collection of tuple, optional
+        Figures as quantity and axis; all where not given.
+
+    Returns
+    -------
+    dict
+        By quantity, ``rms_displacement`` [m] or ``rms_rotation`` [rad], and by point of interest
+        the rms; without points, by axis that of its probe against the base.
+
+    Raises
+    ------
+    ModelError
+        A body, drive or probe does not exist, a drive has no voltage, or a mode has no damping.
+
+    Notes
+    -----
+    Validity: as `dynamic_budget`; noise of a sensor does nothing without control.
+    """
+    setup = _open_setup(stage, system, environment)
+    each = {
+        axis.name: replace(setup, points=(Point(name=axis.name, probe=axis.probe),))
+        for axis in stage.axes
+    }
+    figures: dict[Key, float] = {}
+    for one in (setup,) if environment.points else each.values():
+        units = (system.probe(point.probe).unit for point in one.points)
+        named = [(_RMS[u], p.name) for u, p in zip(units, one.points, strict=True)]
+        if keys is None or not set(named).isdisjoint(keys):
+            figures |= zip(named, _totals(one).tolist(), strict=True)
+    return figures
+
+
+def _open_setup(
+    stage: Stage, system: MechanicalSystem, environment: Environment, axis: str | None = None
+) -> "_Setup":
+    """Return the setup without a loop, by default of the first axis."""
+    if not stage.axes:
+        raise ModelError(f"stage '{stage.name}' has no axis to control: add one")
+    controlled = stage.axis(axis or stage.axes[0].name)
+    points = environment.points or (Point(name=controlled.probe, probe=controlled.probe),)
+    return _Setup(stage, system, environment, controlled.name, points)
 
 
 def _notes(setup: "_Setup") -> tuple[str, ...]:
@@ -422,7 +493,10 @@ def _budgets(setup: _Setup) -> list[PointBudget]:
     levers: dict[str, Array] = {}
     for name, change in _LEVERS.items():
         if setup.loop is not None or name != "loop gain":
-            low, high = (np.log(_totals(change(setup, 1.0 + step))) for step in (-_STEP, _STEP))
+            low, high = (
+                np.log(np.maximum(_totals(change(setup, 1.0 + step)), 1e-300))
+                for step in (-_STEP, _STEP)
+            )
             levers[name] = (high - low) / math.log((1.0 + _STEP) / (1.0 - _STEP))
     return [
         PointBudget(
@@ -463,7 +537,7 @@ def _totals(setup: _Setup) -> Array:
         for source, response in zip(setup.environment.sources, of_point, strict=True):
             budget = _source_budget(source, response, f)
             variance += float(np.trapezoid(budget.density, f)) + sum(v for _, v in budget.lines)
-        totals.append(max(math.sqrt(variance), 1e-300))
+        totals.append(math.sqrt(variance))
     return np.array(totals)
 
 
@@ -628,10 +702,4 @@ def _force(setup: _Setup, source: NoiseSource) -> Array:
         return force
     if isinstance(source, DriveVoltage):
         return setup.force_of_voltage(source.drive)
-    unit = setup.stage.probe(setup.stage.axis(setup.axis).probe).unit
-    if source.spectrum.unit != unit:
-        raise ModelError(
-            f"source '{source.name}' is noise in {source.spectrum.unit}, but the sensor of axis "
-            f"'{setup.axis}' reads {unit}: convert it"
-        )
     return np.zeros(system.order)

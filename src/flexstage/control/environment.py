@@ -560,6 +560,12 @@ def read_environment(path: str | os.PathLike[str]) -> Environment:
     return decoder.build(Environment, root, "", {"folder": Path(path).parent})
 
 
+def ready_environment(stage: str) -> Environment | None:
+    """Return the assumed environment of a built-in stage by its name; None where there is none."""
+    path = Path(__file__).parent / "ready" / f"{stage}.yaml"
+    return read_environment(path) if path.is_file() else None
+
+
 def environment_from_text(text: str, source: str = "environment") -> Environment:
     """Read the description of an environment from text.
 

@@ -126,6 +126,8 @@ QUANTITIES: dict[str, Quantity] = {
             "rotation_in_time", "rad", "Thermal rotation in time, largest", "µrad", 1e6, 1e-12
         ),
         Quantity("thermal_time_constant", "s", "Thermal time constant", "s", 1.0),
+        Quantity("rms_displacement", "m", "Rms in its environment", "nm", 1e9),
+        Quantity("rms_rotation", "rad", "Rms of rotation in its environment", "nrad", 1e9),
         Quantity("out_of_plane_frequency_hz", "Hz", "Lowest mode out of plane", "Hz", 1.0),
         Quantity("out_of_plane_stiffness", "N/m", "Stiffness out of plane", "N/µm", 1e-6),
         Quantity("buckling_factor", "1", "Buckling factor", "", 1.0, at_least=1.0),
@@ -191,6 +193,7 @@ ALIASES = {
     "stress": "max_stress",
     "coupling": "cross_coupling",
     "frequency": "natural_frequency_hz",
+    "rms": "rms_displacement",
 }
 
 

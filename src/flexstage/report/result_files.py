@@ -12,6 +12,7 @@ import numpy as np
 
 from flexstage.base.errors import ModelError
 from flexstage.base.lazy import require_extra
+from flexstage.control.dynamic_budget import DynamicBudget
 from flexstage.files.names import file_names
 from flexstage.files.plain import json_text
 from flexstage.report.figures.body_motion import draw_reachable_area
@@ -59,6 +60,15 @@ def working_line_files(stacks: Iterable[StackAtWork]) -> Files:
     return {
         f"working-line-{name}.svg": encode(draw_working_line(line), "svg")
         for name, line in zip(names, lines, strict=True)
+    }
+
+
+def budget_files(budget: DynamicBudget) -> Files:
+    """Return density and cumulative amplitude by source at each point, by the name of its file."""
+    points = list(dict.fromkeys(b.point for b in budget.budgets))
+    return {
+        f"how-quiet-{name}.svg": encode(budget.plot(point=point), "svg")
+        for name, point in zip(file_names(points), points, strict=True)
     }
 
 

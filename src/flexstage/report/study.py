@@ -33,6 +33,7 @@ from flexstage.report.study_sections import (
     fe_modes_section,
     hysteresis_section,
     neck_stress_section,
+    quiet_section,
 )
 from flexstage.report.tables import (
     characteristics_table,
@@ -323,6 +324,7 @@ CHAPTERS: dict[str, Chapter] = {
                 ),
             ),
             "bode": ("Bode diagrams", _bode),
+            "quiet": ("How quiet", quiet_section),
             "modes": ("Mode shapes", _modes),
             "fem-modes": ("Finite-element modes", fe_modes_section),
         },

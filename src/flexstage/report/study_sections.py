@@ -18,10 +18,11 @@ from flexstage.report.figures.fields import draw_convergence, draw_fe_modes
 from flexstage.report.figures.hinges import draw_neck_stress, neck_sampler
 from flexstage.report.figures.tracking import draw_compensation
 from flexstage.report.page import fragment
-from flexstage.report.tables import full_stroke_words, published_loop
+from flexstage.report.tables import full_stroke_words, published_loop, rms_rows, rms_unit
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import CREEP, POSITION_NOISE
 from flexstage.studies.measurement import MeasurementComparison
+from flexstage.studies.requests import StudyRequest
 from flexstage.studies.virtual_experiments import (
     ECCENTRICITY,
     HEAD_NOISE,
@@ -32,6 +33,7 @@ from flexstage.studies.virtual_experiments import (
 )
 
 if TYPE_CHECKING:
+    from flexstage.control.dynamic_budget import PointBudget
     from flexstage.hysteresis.loops import Tracking
     from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.models import ModelRun
@@ -373,3 +375,47 @@ def centring_section(trial: CentringTrial | str | None) -> Iterator[Content]:
     words = "Angle error read by the first head before and after centring; simulated."
     draw = partial(draw_polar, trial.fits, trial.angles)
     yield Pictures(pictures=(Picture(result=draw, title="scale before and after", caption=words),))
+
+
+def quiet_section(study: "Study") -> Iterator[Content]:
+    """Yield the rms of an environment by source, if the study has one."""
+    result = study.budget
+    if result is None or isinstance(result, str):
+        if result:
+            yield f"The rms could not be computed: {result}."
+        return
+    (low, high), name = result.environment.band, result.environment.name
+    given = isinstance(study.request, StudyRequest) and study.request.environment is not None
+    origin = (
+        "is the one given"
+        if given
+        else "is assumed, not measured: study --environment FILE takes another"
+    )
+    yield (
+        f"The environment '{name}' {origin}. Rms from {low:g} to {high:g} Hz against the base, "
+        f"drives in place, without position control; {result.model} model."
+    )
+    # displacements and rotations have tables of their own
+    for unit in dict.fromkeys(b.unit for b in result.budgets):
+        budgets = [b for b in result.budgets if b.unit == unit]
+        heads = ("<source", "<acts", *(b.point for b in budgets))
+        yield table(f"Rms by source [{rms_unit(budgets)[1]}].", heads, rms_rows(budgets))
+    yield Pictures(
+        pictures=tuple(
+            Picture(
+                result=result,
+                options={"point": b.point},
+                title=f"density and cumulative amplitude of {b.point}",
+                caption=f"Density and cumulative amplitude of {b.point} by source. One per cent "
+                f"more changes the total: {_ranking_words(b)}.",
+                size="small",
+            )
+            for b in result.budgets
+        )
+    )
+    yield from (f"{note[:1].upper()}{note[1:]}." for note in result.notes)
+
+
+def _ranking_words(budget: "PointBudget") -> str:
+    """Return the two parameters that change the total most."""
+    return ", ".join(f"{name} {change:+.2f} %" for name, change in budget.ranking()[:2])

@@ -1,7 +1,7 @@
 """Tables of the report of a study, and of the coupling of its drives."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -13,7 +13,7 @@ from flexstage.quantities.comparison import (
     ComparisonRow,
     shared_rows,
 )
-from flexstage.quantities.quantity import Quantity, display, number
+from flexstage.quantities.quantity import Quantity, display, number, prefixed
 from flexstage.quantities.table import Cell, Column, Content, Picture, Table, table
 from flexstage.quantities.units import DIMENSIONS, readable_text
 from flexstage.stage import Stage
@@ -22,6 +22,7 @@ from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.coupled_axes import CoupledAxes
 
 if TYPE_CHECKING:
+    from flexstage.control.dynamic_budget import PointBudget
     from flexstage.lumped.assemble import HingeSpring
     from flexstage.stage.drawing.drawn_stage import DrawnStage
 
@@ -408,3 +409,33 @@ def _value(
             "kind": kind_of(cell, row.cells.values()),
         },
     )
+
+
+def rms_unit(budgets: "Sequence[PointBudget]") -> tuple[float, str]:
+    """Return factor and unit that suit the rms of some budgets of one unit."""
+    factor, prefix = prefixed(max(b.total for b in budgets), 1.0)
+    return factor, f"{prefix}{budgets[0].unit}"
+
+
+def rms_rows(
+    budgets: "Sequence[PointBudget]", exposure: float | None = None
+) -> list[tuple[str, ...]]:
+    """Return the rms by source, a column for each budget, and that of all sources.
+
+    With an exposure [s] its moving average and moving standard deviation follow.
+    """
+    factor, _ = rms_unit(budgets)
+
+    def row(name: str, values: Iterable[float], kind: str = "") -> tuple[str, ...]:
+        return (name, kind, *(number(factor * value, 3) for value in values))
+
+    rows = [
+        row(source.name, (b.rms(b.sources[k]) for b in budgets), source.kind)
+        for k, source in enumerate(budgets[0].sources)
+    ]
+    rows.append(row("total", (b.total for b in budgets)))
+    if exposure is not None:
+        averages, deviations = zip(*(b.exposed(exposure) for b in budgets), strict=True)
+        rows.append(row(f"average over {1e3 * exposure:g} ms", averages))
+        rows.append(row(f"deviation in {1e3 * exposure:g} ms", deviations))
+    return rows

@@ -19,13 +19,14 @@ from flexstage.stage.contour import root_widths
 from flexstage.stage.mass import mass_properties
 from flexstage.studies.requests import AnalyseRequest, BudgetRequest, ModelOptions
 from flexstage.studies.results import analysis_results
-from flexstage.system import Analysis, analyse
+from flexstage.system import Analysis, MechanicalSystem, analyse
 from flexstage.system.requests import models_of
 
 if TYPE_CHECKING:
     import pandas
 
     from flexstage.control.dynamic_budget import DynamicBudget
+    from flexstage.control.environment import Environment
     from flexstage.export.request import ExportRequest, StageExport
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
@@ -108,9 +109,13 @@ class ModelRuns(Result):
     """Result by model."""
     skipped_models: Mapping[str, str]
     """Skipped models and reasons."""
+    budgets: "Mapping[str, DynamicBudget]" = field(default_factory=dict)
+    """Dynamic error budget by model, if an environment was given."""
 
     def data(self) -> dict[str, Any]:
         models = {name: run.data() for name, run in self.runs.items()}
+        for name in models.keys() & self.budgets.keys():
+            models[name]["budget"] = self.budgets[name].data()
         if len(models) == 1 and not self.skipped_models:
             return next(iter(models.values()))
         return {"models": models, "skipped_models": dict(self.skipped_models)}
@@ -321,7 +326,13 @@ def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
     names = models_of(request.model)
     if not names:
         raise ModelError(f"--model names no model: choose from {', '.join(MODELS)}")
+    environment = None
+    if request.environment is not None:
+        from flexstage.control.environment import read_environment
+
+        environment = read_environment(request.environment)
     runs: dict[str, ModelRun] = {}
+    budgets: dict[str, DynamicBudget] = {}
     skipped: dict[str, str] = {}
     for i, name in enumerate(names):
         with progress.subtask(i / len(names), (i + 1) / len(names)):
@@ -329,13 +340,15 @@ def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
                 run = run_model(stage, name, request.options)
                 stacks = stacks_at_work(run.analysis, request.stacks)
                 runs[name] = replace(run, stacks=stacks)
+                if environment is not None:
+                    budgets[name] = open_budget(stage, run.analysis.system, environment)
             except FlexstageError as error:
                 if "all" not in request.model:
                     raise
                 skipped[name] = str(error)
     if not runs:
         raise ModelError(f"no model is possible: {next(iter(skipped.values()))}")
-    return ModelRuns(request=request, runs=runs, skipped_models=skipped)
+    return ModelRuns(request=request, runs=runs, skipped_models=skipped, budgets=budgets)
 
 
 def analyse_model(stage: Stage, model: str, *, near: Stage | None = None) -> Analysis:
@@ -358,6 +371,18 @@ def stage_budget(stage: Stage, request: BudgetRequest) -> "DynamicBudget":
         exposure=request.exposure,
     )
     return replace(budget, request=request)
+
+
+def open_budget(
+    stage: Stage, system: MechanicalSystem, environment: "Environment"
+) -> "DynamicBudget":
+    """Return the dynamic error budget without control, by default at the probe of every axis."""
+    from flexstage.control.dynamic_budget import dynamic_budget
+    from flexstage.control.environment import Point
+
+    every = tuple(Point(name=axis.name, probe=axis.probe) for axis in stage.axes)
+    at = replace(environment, points=environment.points or every)
+    return dynamic_budget(stage, system, at)
 
 
 def analyse_moved(stage: Stage, model: str, near: Stage) -> Analysis:

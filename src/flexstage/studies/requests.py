@@ -106,6 +106,10 @@ class AnalyseRequest(Request):
     """Options of each model."""
     stacks: StackOptions = StackOptions()
     """Stacks at work."""
+    environment: Path | None = None
+    """Description of disturbances in YAML, as of budget: also print the rms of every axis by
+    source, without position control.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,6 +131,10 @@ class StudyRequest(Request):
     widths: Annotated[str, Written("FILE")] | None = None
     """Measured necks, as of tolerance: bias and scatter of the simulated stage, and scatter of
     manufactured samples.
+    """
+    environment: Path | None = None
+    """Description of disturbances in YAML, as of budget, for the rms of every axis by source
+    (default: an assumed laboratory of a stage of the study, unless without further parts).
     """
 
     @classmethod

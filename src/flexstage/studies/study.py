@@ -10,6 +10,7 @@ import numpy as np
 from flexstage.base import progress
 from flexstage.base.errors import ConvergenceError, ModelError, StageError
 from flexstage.base.short_repr import short_repr
+from flexstage.control.environment import Environment, read_environment, ready_environment
 from flexstage.files.cache.cache import Cache, open_cache
 from flexstage.files.cache.memory import Memory
 from flexstage.files.plain import picked
@@ -23,7 +24,7 @@ from flexstage.quantities.comparison import Comparison, compare
 from flexstage.quantities.quantity import QUANTITIES
 from flexstage.stage import Stage
 from flexstage.stage.designs.vgtu import MOTION_ERROR_CLAIMS
-from flexstage.studies.models import MODELS, ModelRun, run_model
+from flexstage.studies.models import MODELS, ModelRun, open_budget, run_model
 from flexstage.studies.requests import ModelOptions, Plane, StudyRequest
 from flexstage.studies.results import analysis_results, characteristic_row
 from flexstage.studies.virtual_experiments import carry_out
@@ -31,6 +32,7 @@ from flexstage.system import Analysis
 from flexstage.system.requests import models_of
 
 if TYPE_CHECKING:
+    from flexstage.control.dynamic_budget import DynamicBudget
     from flexstage.experiments.campaign.results import Characterisation
     from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.measurement import MeasurementComparison
@@ -106,6 +108,8 @@ class Study(Result):
     """Simulated centring of an encoder scale, or the reason why there is none."""
     traditional: "TraditionalComparison | None" = None
     """Comparison of motion errors and drift with traditional stages, for claims of the study."""
+    budget: "DynamicBudget | str | None" = None
+    """Dynamic error budget without control, or the reason why there is none."""
     read: tuple[str, ...] = ()
     """Names of results from the cache."""
 
@@ -127,6 +131,7 @@ class Study(Result):
             "virtual_measurement": _or_reason(self.virtual),
             "centring": _or_reason(self.centring),
             "traditional": _or_reason(self.traditional),
+            "budget": _or_reason(self.budget),
             "variants": {name: analysis_results(a) for name, a in self.variants.items()},
         }
 
@@ -195,9 +200,7 @@ def _without_table(analysis: Analysis) -> dict[str, Any]:
     return results
 
 
-def _or_reason(
-    result: "MeasurementComparison | CentringTrial | TraditionalComparison | str | None",
-) -> dict[str, Any]:
+def _or_reason(result: Any) -> dict[str, Any]:
     """Return a result as plain data, or the reason for its absence; empty if not requested."""
     if result is None:
         return {}
@@ -252,6 +255,7 @@ def run_study(
     if not models:
         raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
     memory = Memory(open_cache(cache))
+    environment = environment_of(stage, request)
     widths = None
     if request.widths is not None:
         from flexstage.virtual.neck_widths import measured_necks
@@ -309,6 +313,8 @@ def run_study(
         measured=measured,
         traditional=traditional,
     )
+    if environment is not None:
+        study = replace(study, budget=_budget(stage, study.main, environment))
     with progress.subtask(1.0 - _EXPERIMENT, 1.0):
         experiments = carry_out(
             stage,
@@ -330,6 +336,20 @@ def run_study(
         skipped_experiments={a: reason for a, reason in of_axes.items() if isinstance(reason, str)},
         read=memory.read,
     )
+
+
+def environment_of(stage: Stage, request: StudyRequest) -> Environment | None:
+    """Return the environment of a study: the one given, or the assumed one of a built-in stage."""
+    if request.environment is not None:
+        return read_environment(request.environment)
+    return None if request.parts == ("none",) else ready_environment(stage.name)
+
+
+def _budget(stage: Stage, main: Analysis, environment: Environment) -> "DynamicBudget | str":
+    try:
+        return open_budget(stage, main.system, environment)
+    except ModelError as error:
+        return str(error)
 
 
 def _recalled(

@@ -5,8 +5,11 @@ leading axis of samples, and their common data once. Arrays may be NumPy's or th
 that follows the Python array API standard; numbers stay in that library.
 """
 
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
+
+import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.base.short_repr import short_repr
@@ -114,3 +117,57 @@ def samples_last(xp: Any, x: Array) -> Array:
 def samples_first(xp: Any, x: Array) -> Array:
     """Return an array with its last axis leading, without a copy where the library can."""
     return xp.permute_dims(x, (x.ndim - 1, *range(x.ndim - 1)))
+
+
+def full_stiffness(batch: SystemBatch) -> Array:
+    """Return the stiffness matrix of every sample of a NumPy batch, shape (S, n, n)."""
+    order = batch.nominal.order
+    K = np.zeros((batch.samples, order, order))
+    for (i, j), block in zip(batch.blocks, batch.stiffness.swapaxes(0, 1), strict=True):
+        K[:, 3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = block
+        K[:, 3 * j : 3 * j + 3, 3 * i : 3 * i + 3] = block.swapaxes(1, 2)
+    return K
+
+
+def full_vectors(batch: SystemBatch, parts: Array, bodies: Sequence[tuple[int, int]]) -> Array:
+    """Return vectors of two bodies, shape (S, v, 2, 3), for all coordinates, shape (S, v, n)."""
+    out = np.zeros((batch.samples, len(bodies), batch.nominal.order))
+    for i, pair in enumerate(bodies):
+        for side, body in enumerate(pair):
+            if body >= 0:
+                out[:, i, 3 * body : 3 * body + 3] += parts[:, i, side]
+    return out
+
+
+def sample_systems(batch: SystemBatch) -> Iterator[MechanicalSystem]:
+    """Yield every sample of a NumPy batch as a system, for its vibration by drives and weight.
+
+    Validity: centres of bodies, ends of drives with a mass, thermal loads and stress are nominal.
+    """
+    nominal, n = batch.nominal, batch.samples
+    stiffness = full_stiffness(batch)
+    drives = full_vectors(batch, batch.drive, batch.drive_bodies)
+    probes = full_vectors(batch, batch.probe, batch.probe_bodies)
+    mass = np.broadcast_to(batch.mass, (n, nominal.order))
+    weight = np.broadcast_to(batch.weight, (n, nominal.order // 3))
+    strokes = np.broadcast_to(batch.stroke, (n, len(nominal.drives)))
+    for i in range(n):
+        loads = {load.name: load for load in nominal.loads}
+        for k, name in enumerate(("gravity x", "gravity y")):
+            vector = np.zeros(nominal.order)
+            vector[k::3] = weight[i]
+            loads[name] = replace(loads[name], vector=vector)
+        yield replace(
+            nominal,
+            M=np.diag(mass[i]),
+            K=stiffness[i],
+            drives=tuple(
+                replace(port, vector=vector, stroke=None if port.stroke is None else float(stroke))
+                for port, vector, stroke in zip(nominal.drives, drives[i], strokes[i], strict=True)
+            ),
+            probes=tuple(
+                replace(port, vector=vector)
+                for port, vector in zip(nominal.probes, probes[i], strict=True)
+            ),
+            loads=tuple(loads.values()),
+        )

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,12 +29,15 @@ from flexstage.stage import Stage
 from flexstage.stage.designs import StageTemplate
 from flexstage.stage.drive import Force, PiezoStack
 from flexstage.stage.narrowest import narrowest_slot, thinnest_wall
-from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.figures import NOISE_FIGURES, Figure
 from flexstage.studies.explore.variables import Variable
 from flexstage.studies.models import analyse_model, analyse_moved
 from flexstage.system import MechanicalSystem, characteristic_derivatives
 from flexstage.system.batch_analysis import quoted
 from flexstage.system.characteristics import axis_states
+
+if TYPE_CHECKING:
+    from flexstage.control.environment import Environment
 
 # elongation [m] and force [N] of every drive of each axis at full stroke
 Forces = Mapping[str, Mapping[str, tuple[float, float]]]
@@ -125,22 +129,24 @@ _OF_FORCES: Mapping[str, Callable[[Stage, Forces], Mapping[str, float]]] = {
     "buckling_factor": _buckling_factor,
 }
 #: Quantities that are computed for one stage at a time.
-STAGE_FIGURES = (*_OF_FORCES, *_OF_GEOMETRY)
+STAGE_FIGURES = (*_OF_FORCES, *_OF_GEOMETRY, *NOISE_FIGURES)
 
 
 def need_a_model(quantities: Collection[str]) -> bool:
     """Return whether any of the quantities of `STAGE_FIGURES` needs a model."""
-    return any(quantity in _OF_FORCES for quantity in quantities)
+    return not _OF_GEOMETRY.keys() >= set(quantities)
 
 
 def stage_figures(
     stage: Stage,
     system: MechanicalSystem | None,
     keys: Collection[tuple[str, str]] | None = None,
+    environment: "Environment | None" = None,
 ) -> dict[tuple[str, str], float]:
     """Return figures of a stage by quantity and axis: those of `keys`, or all.
 
-    `system` is a model of the stage; it may be None if `need_a_model` returns False.
+    `system` is a model of the stage; it may be None if `need_a_model` returns False. The rms is
+    that of an environment, if there is one.
     """
     quantities = {quantity for quantity, _ in keys} if keys is not None else set(STAGE_FIGURES)
     figures: dict[tuple[str, str], float] = {}
@@ -148,6 +154,12 @@ def stage_figures(
         if quantity in quantities:
             figures |= {(quantity, axis): value for axis, value in measure(stage).items()}
     if system is None or not need_a_model(quantities):
+        return figures
+    if environment is not None and not quantities.isdisjoint(NOISE_FIGURES):
+        from flexstage.control.dynamic_budget import open_rms
+
+        figures |= open_rms(stage, system, environment, keys)
+    if quantities.isdisjoint(_OF_FORCES):
         return figures
     forces = {
         state.axis: {
@@ -182,6 +194,8 @@ class Family:
     """The design or stage file."""
     variables: tuple[Variable, ...]
     """The varied parameters."""
+    environment: "Environment | None" = None
+    """Where the stage stands, for its rms."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -234,11 +248,16 @@ class Evaluated:
     """Reason why a stage is impossible; empty for possible ones."""
 
 
-def known_figures(stage: Stage) -> dict[tuple[str, str], float]:
-    """Return all figures of a stage by the lumped model, by quantity and axis."""
+def known_figures(
+    stage: Stage, environment: "Environment | None" = None
+) -> dict[tuple[str, str], float]:
+    """Return all figures of a stage by the lumped model, by quantity and axis.
+
+    Those of an environment are among them, if there is one.
+    """
     analysis = analyse_model(stage, "lumped")
     figures = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
-    return figures | stage_figures(stage, analysis.system)
+    return figures | stage_figures(stage, analysis.system, environment=environment)
 
 
 @lru_cache(maxsize=32)
@@ -294,9 +313,8 @@ def evaluate(
             stages[i] = family.stage(point)
         except FlexstageError as error:
             faults[i] = str(error)
-    nominal = family.template.stage()
     if model == "lumped":
-        _evaluate_batch(nominal, stages, figures, values)
+        _evaluate_batch(family.template.stage(), stages, figures, values)
     for done, (i, stage) in enumerate(stages.items()):
         missing = np.flatnonzero(np.isnan(values[i])).tolist()
         if not missing:
@@ -304,7 +322,7 @@ def evaluate(
         try:
             with subtask(done / len(stages), (done + 1) / len(stages)):
                 rest = [figures[k] for k in missing]
-                values[i, missing] = _figures(stage, rest, model, nominal, moved=moved)
+                values[i, missing] = _figures(stage, rest, model, family, moved=moved)
         except FlexstageError as error:
             values[i], faults[i] = np.nan, str(error)
     return Evaluated(figures=tuple(figures), values=values, faults=tuple(faults))
@@ -328,7 +346,7 @@ def _evaluate_batch(
 
 
 def _figures(
-    stage: Stage, figures: Collection[Figure], model: str, nominal: Stage, *, moved: bool
+    stage: Stage, figures: Collection[Figure], model: str, family: Family, *, moved: bool
 ) -> list[float]:
     """Return figures of one stage by an analysis, or by the lumped model alone if that suffices.
 
@@ -341,6 +359,7 @@ def _figures(
         if need_a_model({quantity for quantity, _ in keys}):
             system = lumped_system(stage)
     else:
+        nominal = family.template.stage()
         analysis = (
             analyse_moved(stage, model, nominal)
             if moved
@@ -348,7 +367,7 @@ def _figures(
         )
         system = analysis.system
         rows = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
-    rows |= stage_figures(stage, system, keys)
+    rows |= stage_figures(stage, system, keys, family.environment)
     return [rows.get(figure.key, np.nan) for figure in figures]
 
 

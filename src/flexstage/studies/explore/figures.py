@@ -18,7 +18,9 @@ from flexstage.quantities.quantity import ALIASES, QUANTITIES, Quantity, full_na
 from flexstage.quantities.units import DIMENSIONS, parse, to_text
 
 # meaning of a short name for an axis of rotation
-_OF_ROTATION = {"output_displacement": "rotation_stroke"}
+_OF_ROTATION = {"output_displacement": "rotation_stroke", "rms_displacement": "rms_rotation"}
+#: Quantities that only a stage in an environment has.
+NOISE_FIGURES = ("rms_displacement", "rms_rotation")
 #: Default quantities of each axis, if the stage has them.
 DEFAULT_QUANTITIES = (
     "transmission_ratio",
@@ -27,6 +29,7 @@ DEFAULT_QUANTITIES = (
     "natural_frequency_hz",
     "max_stress",
     "cross_coupling",
+    *NOISE_FIGURES,
 )
 #: Relative variation of a figure below which it is rounding error.
 ROUNDING = 1e-9
@@ -135,6 +138,11 @@ def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
         raise ModelError(_no_axes(known))
     if not axes and quantity in QUANTITIES and {a for _, a in known} == {WHOLE_STAGE}:
         raise ModelError(f"there is no figure '{text[:60]}' here: {_no_axes(known)}")
+    if not axes and quantity in NOISE_FIGURES and not any(q in NOISE_FIGURES for q, _ in known):
+        raise ModelError(
+            f"the figure '{text[:60]}' is one of a stage in its surroundings: describe them in a "
+            "file, and give it to sweep, optimise or tolerance by --environment"
+        )
     if not axes:
         names = dict.fromkeys(Figure(quantity=q, axis=WHOLE_STAGE).name for q, _ in known)
         short = [alias for alias, of in ALIASES.items() if any(q == of for q, _ in known)]
@@ -165,13 +173,15 @@ def figures_of(texts: Sequence[str], known: Collection[tuple[str, str]]) -> tupl
         of_axes: list[Figure] = []
         for axis in axes if "." not in text else ():
             with suppress(ModelError):  # the axis does not have it
-                of_axes.append(figure_of(text, [key for key in known if key[1] == axis]))
+                of_axes.append(figure_of(f"{text}.{axis}", known))
         figures += of_axes or [figure_of(text, known)]
     return tuple(dict.fromkeys(figures))
 
 
 def default_figures(known: Collection[tuple[str, str]]) -> tuple[Figure, ...]:
     """Return the default figures: ratio, stroke, frequency, stress and coupling of each axis.
+
+    In an environment its rms as well.
 
     Raises
     ------

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import FlexstageError, ModelError
+from flexstage.control.dynamic_budget import open_rms
+from flexstage.control.environment import Environment
 from flexstage.hinges import Profile, compliance, stress_rows
 from flexstage.hinges.hinge_spring import ROOT_REACH, PlaneState
 from flexstage.hinges.registry import with_neck_radius, with_neck_thickness
@@ -22,9 +24,9 @@ from flexstage.lumped.assemble import HingeSpring, hinge_springs
 from flexstage.lumped.batch import assemble_batch
 from flexstage.lumped.stage_arrays import StageArrays, stage_arrays
 from flexstage.stage import Force, PiezoStack, Stage, mass_properties
-from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.figures import NOISE_FIGURES, Figure
 from flexstage.system import analyse
-from flexstage.system.batch import SystemBatch
+from flexstage.system.batch import SystemBatch, full_stiffness, full_vectors, sample_systems
 from flexstage.system.batch_analysis import batch_characteristics
 from flexstage.system.seated_drives import contact_forces
 from flexstage.virtual.imperfections import Scatter
@@ -232,6 +234,8 @@ class Process:
 
     nominal: StageArrays
     """The nominal stage as a batch of one."""
+    environment: Environment | None = None
+    """Where the stages stand, for their rms."""
 
     def outside(self, neck: Array, radius: Array) -> NDArray[np.bool_]:
         """Return which samples have a neck or radius outside the tables, shape (samples,)."""
@@ -249,7 +253,7 @@ class Process:
 
 # a tolerance analysis and the search of tolerances use the same process
 @lru_cache(maxsize=16)
-def process_of(stage: Stage, scatter: Scatter) -> Process:
+def process_of(stage: Stage, scatter: Scatter, environment: Environment | None = None) -> Process:
     """Return a stage with its process, for deviations of up to `REACH` standard deviations.
 
     Raises
@@ -295,6 +299,7 @@ def process_of(stage: Stage, scatter: Scatter) -> Process:
         mounted=_mounted(stage, origin),
         origin=origin,
         nominal=stage_arrays([stage]),
+        environment=environment,
     )
 
 
@@ -447,10 +452,17 @@ def sample_figures(
     stages, impossible = manufactured_samples(process, numbers, samples)
     batch, keys = assemble_batch(stages), {figure.key for figure in figures}
     on_seats = {key for key in keys if key[0] in _ON_SEATS}
+    noise = {key for key in keys if key[0] in NOISE_FIGURES}
     frequencies = {("natural_frequency_hz", axis) for _, axis in on_seats}
-    columns = batch_characteristics(batch, (keys - on_seats) | frequencies)
+    columns = batch_characteristics(batch, (keys - on_seats - noise) | frequencies)
     if on_seats:
         columns |= _on_seats(batch, columns)
+    if noise and process.environment is not None:
+        rows = [
+            open_rms(process.stage, system, process.environment, noise)
+            for system in sample_systems(batch)
+        ]
+        columns |= {key: np.array([row[key] for row in rows]) for key in noise}
     values = np.empty((samples, len(figures)))
     for i, figure in enumerate(figures):
         values[:, i] = columns[figure.key]
@@ -483,22 +495,9 @@ def _on_seats(
     stage, samples = batch.stage, batch.samples
     drives = [d for d in stage.drives if not isinstance(d, Force)]
     which = [stage.drives.index(d) for d in drives]
-    order = 3 * (1 + max(max(pair) for pair in batch.blocks))
-
-    def rows(parts: Array, bodies: Sequence[tuple[int, int]]) -> Array:
-        out = np.zeros((samples, len(bodies), order))
-        for i, pair in enumerate(bodies):
-            for side, body in enumerate(pair):
-                if body >= 0:
-                    out[:, i, 3 * body : 3 * body + 3] += parts[:, i, side]
-        return out
-
-    K = np.zeros((samples, order, order))
-    for (i, j), block in zip(batch.blocks, batch.stiffness.swapaxes(0, 1), strict=True):
-        K[:, 3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = block
-        K[:, 3 * j : 3 * j + 3, 3 * i : 3 * i + 3] = block.swapaxes(1, 2)
-    d = rows(batch.drive, batch.drive_bodies)[:, which]
-    p = rows(batch.probe, batch.probe_bodies)
+    K = full_stiffness(batch)
+    d = full_vectors(batch, batch.drive, batch.drive_bodies)[:, which]
+    p = full_vectors(batch, batch.probe, batch.probe_bodies)
     springs = np.array([o.preload.spring_stiffness if o.preload else 0.0 for o in drives])
     sprung = K + np.einsum("i,sij,sik->sjk", springs, d, d)
     bare, shapes = (np.linalg.solve(k, d.swapaxes(1, 2)) for k in (K, sprung))

@@ -9,7 +9,10 @@ from typing import Any
 
 from flexstage.base.choose import unknown
 from flexstage.base.errors import ModelError
+from flexstage.control.dynamic_budget import open_rms
+from flexstage.control.environment import Environment, read_environment
 from flexstage.files.request import read_number
+from flexstage.lumped import lumped_system
 from flexstage.quantities.units import parse
 from flexstage.stage import Stage
 from flexstage.stage.designs import StageTemplate
@@ -17,6 +20,7 @@ from flexstage.studies.explore.deviations import KINDS, scatter_dimensions
 from flexstage.studies.explore.ensemble import Ensemble, observation_of
 from flexstage.studies.explore.family import Family, batched_figures, known_figures
 from flexstage.studies.explore.figures import (
+    NOISE_FIGURES,
     Figure,
     Requirement,
     default_figures,
@@ -67,8 +71,15 @@ _PUBLISHED = "published"
 
 def ready_sweep(request: SweepRequest, template: StageTemplate) -> Callable[..., Sweep]:
     """Return the function that runs a sweep with given workers and folder."""
-    run = partial(sweep, *swept(request, template), model=request.model)
-    return lambda **options: replace(run(**options), request=request)
+    family, figures, plan = swept(request, template)
+    run = partial(sweep, family, figures, plan, model=request.model)
+
+    def swept_stage(**options: Any) -> Sweep:
+        result = run(**options)
+        notes = (*result.notes, *_rms_note(family.environment, figures))
+        return replace(result, request=request, notes=notes)
+
+    return swept_stage
 
 
 def swept(
@@ -77,7 +88,11 @@ def swept(
     """Return family, figures and sampling plan of a sweep."""
     if not request.over:
         raise ModelError(nothing_varied(template))
-    family = Family(template=template, variables=variables_of(template, request.over))
+    family = Family(
+        template=template,
+        variables=variables_of(template, request.over),
+        environment=_environment(request.environment),
+    )
     plan = usual_plan(
         family.variables,
         request.model,
@@ -86,8 +101,23 @@ def swept(
         seed=request.seed,
         indices=request.indices,
     )
-    figures = requested_figures(request.of, known_figures(family.stage(family.usual)))
-    return family, figures, plan
+    known = known_figures(family.stage(family.usual), family.environment)
+    return family, requested_figures(request.of, known), plan
+
+
+def _environment(path: Path | None) -> Environment | None:
+    return None if path is None else read_environment(path)
+
+
+def _rms_note(environment: Environment | None, figures: Iterable[Figure]) -> tuple[str, ...]:
+    """Return the validity of an rms among figures."""
+    if environment is None or not any(figure.quantity in NOISE_FIGURES for figure in figures):
+        return ()
+    (low, high), name = environment.band, environment.name
+    return (
+        f"rms in the environment '{name}' from {low:g} to {high:g} Hz, without position control "
+        "(flexstage budget has it), and with the assumed damping of the stage: measure it",
+    )
 
 
 def nothing_varied(template: StageTemplate) -> str:
@@ -133,7 +163,8 @@ def problem_of(request: OptimiseRequest, template: StageTemplate) -> Problem:
             "under 'parameters' in the stage file"
         )
     described = template.stage()
-    known = known_figures(described)
+    environment = _environment(request.environment)
+    known = known_figures(described, environment)
     goals = (
         *(Goal(figure=figure_of(name, known), direction="maximise") for name in request.maximise),
         *(Goal(figure=figure_of(name, known), direction="minimise") for name in request.minimise),
@@ -154,15 +185,17 @@ def problem_of(request: OptimiseRequest, template: StageTemplate) -> Problem:
             f"values, such as --maximise {_first_goal(known)}"
         )
     requirements = (*targets, *constraints)
+    notes = () if explicit or not (note := fixed_dimensions_note(template)) else (note,)
+    named = (*(goal.figure for goal in goals), *(r.figure for r in requirements))
     return Problem(
-        family=Family(template=template, variables=variables),
+        family=Family(template=template, variables=variables, environment=environment),
         goals=goals,
         requirements=requirements,
         defaults=default_requirements(
             described, known, requirements, request.without, goals=[g.figure for g in goals]
         ),
         checked=CHECK not in request.without,
-        notes=() if explicit or not (note := fixed_dimensions_note(template)) else (note,),
+        notes=(*notes, *_rms_note(environment, named)),
     )
 
 
@@ -274,7 +307,10 @@ def ready_tolerance(
         raise ModelError(
             "--target-yield needs at least one --require: a requirement on a good stage"
         )
+    environment = _environment(request.environment)
     known = (*batched_figures(stage), *seated_figures(stage))
+    if environment is not None:
+        known += tuple(open_rms(stage, lumped_system(stage), environment))
     figures = requested_figures(request.of, known)
     requirements = requirements_of(request.require, known)
 
@@ -288,13 +324,15 @@ def ready_tolerance(
             seed=request.seed,
             model=request.model,
             follow_necks=request.follow_necks,
+            environment=environment,
             workers=workers,
             keep=keep,
         )
         choice = None
         if target is not None:
             choice = choose_tolerances(study, target, weights=weights, workers=workers)
-        notes = study.notes if measured is None else (measured.note(), *study.notes)
+        notes = (*study.notes, *_rms_note(environment, study.monte_carlo.figures))
+        notes = notes if measured is None else (measured.note(), *notes)
         return replace(study, choice=choice, request=request, notes=notes)
 
     return run

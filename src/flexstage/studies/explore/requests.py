@@ -2,6 +2,7 @@
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from flexstage.files.ranges import POSITIVE, Count, Range, Seed, Size, Stated, Written
@@ -80,6 +81,10 @@ class SweepRequest(Request):
     """Random seed of Latin hypercube and Sobol' sequence."""
     indices: bool = False
     """Estimate Sobol' indices: the share of each parameter in the variance of each figure."""
+    environment: Path | None = None
+    """Description of disturbances in YAML, as of budget: the figure rms of each axis, without
+    position control.
+    """
     model: ModelName = "lumped"
     """Model of the figures."""
 
@@ -117,6 +122,10 @@ class OptimiseRequest(Request):
     safety_factor (1.5 against yield), input_stiffness (at most that of the actuator, full stroke
     within its blocking force), smallest_wall (1 mm in every body) or output_wall (3.3 mm in the
     body that moves the load; if the described stage has less, that is the limit).
+    """
+    environment: Path | None = None
+    """Description of disturbances in YAML, as of budget: the figure rms of each axis, without
+    position control.
     """
     start: Literal["described", "middle"] = "described"
     """Start from the described stage, or from the middle of the bounds (the same for bounds in per
@@ -206,6 +215,10 @@ class ToleranceRequest(Request):
     of: _Figures = ()
     """Figure, such as natural_frequency.x, stress (of every axis) or mass (default: ratio, stroke,
     frequency, stress and coupling of each axis).
+    """
+    environment: Path | None = None
+    """Description of disturbances in YAML, as of budget: the figure rms of each axis, without
+    position control.
     """
     target_yield: Annotated[float, _YIELD, Written("SHARE")] | None = None
     """Find the cheapest scatter with this yield, such as "99 %"."""

@@ -13,14 +13,15 @@ from flexstage.base.errors import ModelError
 from flexstage.base.progress import hand_over, subtask
 from flexstage.base.provenance import Provenance, provenance
 from flexstage.base.short_repr import short_repr
+from flexstage.control.environment import Environment
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.stage import Stage
-from flexstage.studies.explore.batches import Job
+from flexstage.studies.explore.batches import Job, batch_size
 from flexstage.studies.explore.deviations import KINDS, active_kinds, draw, flat, parts
-from flexstage.studies.explore.family import batched_figures
-from flexstage.studies.explore.figures import Figure, Requirement
+from flexstage.studies.explore.family import batched_figures, stage_figures
+from flexstage.studies.explore.figures import NOISE_FIGURES, Figure, Requirement
 from flexstage.studies.explore.manufactured_samples import (
     THINNEST,
     TOLERANCE,
@@ -36,6 +37,7 @@ from flexstage.studies.explore.spread import (
     spread_of,
     yield_of,
 )
+from flexstage.studies.explore.sweep import typical_seconds
 from flexstage.studies.explore.workers import Workers
 from flexstage.studies.models import analyse_model
 from flexstage.virtual.imperfections import Scatter
@@ -106,7 +108,10 @@ class MonteCarloSamples:
         """
         # stored batches are uncorrected, as a correction may differ in its last bit
         payload = (self.process, self.kinds, self.seed, self.figures)
-        job = Job(name="tolerance", work=_batch, payload=payload, count=samples, batch=BATCH)
+        # an rms takes as long as a stage of a sweep
+        noise = any(figure.quantity in NOISE_FIGURES for figure in self.figures)
+        batch = batch_size(samples, typical_seconds("lumped")) if noise else BATCH
+        job = Job(name="tolerance", work=_batch, payload=payload, count=samples, batch=batch)
         columns = workers.run(job, keep)
         values = self.corrected(columns["values"])
         if self.per_neck.any():
@@ -234,6 +239,7 @@ def monte_carlo_of(
     seed: int,
     model: str,
     follow_necks: bool = False,
+    environment: Environment | None = None,
 ) -> tuple[MonteCarloSamples, str]:
     """Return the samples of a stage, and the models of their figures in words.
 
@@ -246,7 +252,7 @@ def monte_carlo_of(
     ModelError
         The scatter is so large that a notch is impossible, or the stage lacks a figure.
     """
-    process = process_of(stage, scatter)
+    process = process_of(stage, scatter, environment)
     factor, added = np.ones(len(figures)), np.zeros(len(figures))
     per_neck = np.zeros(len(figures))
     samples = MonteCarloSamples(
@@ -261,9 +267,13 @@ def monte_carlo_of(
     if model == "lumped":
         return samples, "lumped model"
 
+    noise = [figure.key for figure in figures if figure.quantity in NOISE_FIGURES]
+
     def corrective(offset: float) -> Array:
-        analysis = analyse_model(with_necks(stage, offset) if offset else stage, model, near=stage)
+        changed = with_necks(stage, offset) if offset else stage
+        analysis = analyse_model(changed, model, near=stage)
         rows = {(c.quantity, c.axis): c.value for c in analysis.characteristics}
+        rows |= stage_figures(changed, analysis.system, noise, environment)
         # figures of the lumped model alone are not corrected
         return np.array([rows.get(f.key, lumped[i]) for i, f in enumerate(figures)])
 
@@ -311,6 +321,7 @@ def tolerance(
     seed: int = 0,
     model: str = "superelement",
     follow_necks: bool = False,
+    environment: Environment | None = None,
     workers: Workers | None = None,
     keep: Path | None = None,
 ) -> ToleranceStudy:
@@ -338,6 +349,8 @@ def tolerance(
         ``lumped``, or the model that corrects its nominal figures.
     follow_necks : bool
         True to correct the effect of a common neck offset as well, by two more analyses.
+    environment : Environment, optional
+        Disturbances of the figures ``rms_displacement`` and ``rms_rotation``.
     workers : Workers, optional
         Workers; by default this process.
     keep : Path, optional
@@ -376,7 +389,13 @@ def tolerance(
         raise ModelError(f"there must be at least 2 samples, got {samples}")
     with subtask(0.0, 0.0):  # the progress is that of the batches
         monte_carlo, words = monte_carlo_of(
-            stage, process, every, seed=seed, model=model, follow_necks=follow_necks
+            stage,
+            process,
+            every,
+            seed=seed,
+            model=model,
+            follow_necks=follow_necks,
+            environment=environment,
         )
     hand_over(monte_carlo)
     values, impossible = monte_carlo.values(samples, workers or Workers(1), keep)

@@ -238,7 +238,9 @@ def _sampled(search: _Search, factors: Array) -> _Trial:
     """Simulate the samples of a scatter."""
     study = search.study
     named = dict(zip(search.kinds, factors.tolist(), strict=True))
-    process = process_of(study.stage, scaled(study.scatter, named))
+    process = process_of(
+        study.stage, scaled(study.scatter, named), study.monte_carlo.process.environment
+    )
     samples = replace(study.monte_carlo, process=process)
     with listen(_no_progress):  # progress of the batches is not that of the search
         values = samples.values(study.samples, search.workers)[0]
