@@ -18,7 +18,7 @@ import numpy as np
 
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError
-from flexstage.control.design import WIDTHS, peak_notches, structures
+from flexstage.control.design import WIDTHS, Requirements, peak_notches, structures
 from flexstage.control.environment import LOOP_FILE, PositionLoop
 from flexstage.control.loop_plant import (
     LoopPlant,
@@ -303,7 +303,11 @@ def _response_set(
         for o in range(outputs):
             columns.append((f"{response.source} {response.outputs[o]}".strip(), response, o))
     single = len(columns) == 1
-    shift = request.shift if request.shift is not None else (0.03 if single else 0.0)
+    shift = (
+        request.shift
+        if request.shift is not None
+        else (Requirements().frequency_scatter if single else 0.0)
+    )
     shifts = np.linspace(-shift, shift, _GRID.shifts if shift else 1)
     measured, members, origins = [], [], []
     for name, response, o in columns:
@@ -358,12 +362,13 @@ def _radius(
         variance = size**2 * (1.0 - coherence) / (coherence * averages)
         return (
             wide * np.sqrt(variance),
-            f"error by coherence over {averages:g} averages, {covered}",
+            f"error by coherence, averages: {averages:g}, {covered}",
         )
     if not single:
         return np.zeros_like(size), "scatter of the repetitions alone"
-    # the scatter of gain that `Requirements` assumes for a model
-    return 0.1 * size, "relative uncertainty of 10 %, as the file has none (--uncertainty)"
+    share = Requirements().gain_scatter
+    origin = f"relative uncertainty of {100.0 * share:.3g} %, as the file has none (--uncertainty)"
+    return share * size, origin
 
 
 def _dense(f: Array, h: Complex, relative: Array) -> tuple[Array, Complex, Array]:
