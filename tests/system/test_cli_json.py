@@ -33,6 +33,7 @@ REFUSED = {
     "predict": ["nowhere.yaml", "nowhere.csv", "--input", "0", "--output", "1"],
     "compensate": ["nowhere.yaml", "--reference", "nowhere.csv"],
     "settle": ["nowhere.yaml", "--move", "1 um"],
+    "tune": ["--frf", "nowhere.csv"],
     "characterise": ["nowhere.yaml"],
     "frf": ["nowhere.csv", "--input", "0", "--output", "1"],
     "uncertainty": ["nowhere.yaml"],

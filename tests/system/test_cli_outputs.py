@@ -24,6 +24,7 @@ WRITING = [
     ["compensate", "m.yaml", "--reference", "r.csv", "--out"],
     ["settle", "vgtu-piezo", "--move", "1 um", "--out"],
     ["settle", "vgtu-piezo", "--move", "1 um", "--figure"],
+    ["tune", "--frf", "r.csv", "--figure"],
     ["characterise", "--stage", "parallelogram", "--virtual-seed", "1", "--folder"],
     ["frf", "r.csv", "--input", "0", "--output", "1", "--out"],
     ["frf", "r.csv", "--input", "0", "--output", "1", "--figure"],

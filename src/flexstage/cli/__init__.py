@@ -46,6 +46,7 @@ from flexstage.cli.show import show
 from flexstage.cli.study import study
 from flexstage.cli.sweep import sweep
 from flexstage.cli.tolerance import tolerance
+from flexstage.cli.tune import tune
 from flexstage.cli.twin import twin
 from flexstage.cli.uncertainty import uncertainty
 
@@ -79,7 +80,7 @@ _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
         *(new, import_, check, show, analyse, budget, study, hinges, equations, part, export),
     ),
     "Explore": (sensitivity, sweep, optimise, tolerance, reconstruct),
-    "Drives": (excite, identify, predict, compensate, settle),
+    "Drives": (excite, identify, predict, compensate, tune, settle),
     "Measurements": (records, frf, characterise, uncertainty, scale, centre, calibrate),
     "Bench": (twin, run),
     "Front panel": (serve,),

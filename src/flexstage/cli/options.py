@@ -3,6 +3,7 @@
 import copy
 import functools
 import inspect
+import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields, is_dataclass
@@ -109,6 +110,8 @@ def _default(field: RequestField) -> Any:
     # as a text for the help, parsed like any other value; the units library is slow
     if field.dimension is not None and isinstance(field.default, float):
         units, si = field.dimension.units, field.dimension.si
+        if si == "rad" and field.default:
+            return f"{math.degrees(field.default):.6g} deg"
         if field.default and f"m{si}" in units and abs(field.default) < 0.1:
             return f"{1e3 * field.default:g} m{si}"
         return f"{field.default:g} {si if field.default else units[0]}"

@@ -20,7 +20,7 @@ from flexstage.hysteresis import DriveModel, StageModes
 from flexstage.system.servo import Notch, ServoSettings
 
 #: Candidate damping ratios of the poles of a notch.
-_WIDTHS = (0.3, 0.5, 0.7, 1.0)
+WIDTHS = (0.3, 0.5, 0.7, 1.0)
 #: Candidate ratios of proportional to integral gain, over the delay of the loop.
 _LEADS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0)
 #: Candidate corners of a low-pass over the first mode, and shallow notches at it. Their phase lag
@@ -183,7 +183,7 @@ def tune_plant(
     cases = list(_cases(plant, required))
     # a larger gain of the plant is a larger gain of the loop: the others follow
     loudest = [c for c in cases if c.gain == max(c.gain for c in cases)]
-    for unit in _structures(plant, kind, mains_hz):
+    for unit in structures(plant, kind, mains_hz):
         gain = _largest_gain(loudest, unit, required) * (1.0 - 1e-9)
         if not gain > 0.0:
             continue
@@ -218,7 +218,7 @@ def _cases(plant: LoopPlant, required: Requirements) -> list[LoopPlant]:
     return [plant.scattered(g, f) for g in (low, 1.0, high) for f in frequencies]
 
 
-def _structures(plant: LoopPlant, kind: str, mains_hz: float | None) -> Iterator[ServoSettings]:
+def structures(plant: LoopPlant, kind: str, mains_hz: float | None) -> Iterator[ServoSettings]:
     """Yield controllers of unit integral gain; their proportional gain is in units of it [s]."""
     mains: tuple[Notch, ...] = ()
     if mains_hz is not None:
@@ -226,8 +226,8 @@ def _structures(plant: LoopPlant, kind: str, mains_hz: float | None) -> Iterator
     scale = plant.delay + plant.time_constant + 0.5 / plant.sample_rate_hz
     if kind != "damping" or plant.modes is None:
         leads = {"integral": _LEADS[:1], "pi": _LEADS[1:]}.get(kind, _LEADS)
-        for width, lead in itertools.product(_WIDTHS, leads):
-            notches = _notches(plant, width)
+        for width, lead in itertools.product(WIDTHS, leads):
+            notches = peak_notches(plant, width)
             yield ServoSettings(integral=1.0, proportional=lead * scale, notches=(*notches, *mains))
     if kind in ("integral", "pi") or plant.modes is None:
         return
@@ -244,7 +244,7 @@ def _structures(plant: LoopPlant, kind: str, mains_hz: float | None) -> Iterator
         )  # fmt: skip
 
 
-def _notches(plant: LoopPlant, width: float) -> tuple[Notch, ...]:
+def peak_notches(plant: LoopPlant, width: float) -> tuple[Notch, ...]:
     """Return a notch on every mode that needs one."""
     if plant.modes is None:
         return ()

@@ -278,14 +278,21 @@ def loop_margins(plant: LoopPlant, settings: ServoSettings) -> Margins:
     (6.1803, 6.1803)
     """
     f = loop_frequencies(plant, settings)
-    loop = settings.response(f, plant.sample_rate_hz) * plant.response(f)
+    return margins_of(f, settings.response(f, plant.sample_rate_hz) * plant.response(f))
+
+
+def margins_of(f: Array, loop: Complex, lag: float = 0.5 * math.pi) -> Margins:
+    """Return the margins of a loop at dense frequencies [Hz], that is stable without feedback.
+
+    `lag` is that of its integrals [rad].
+    """
     distance = np.abs(1.0 + loop)
     worst = float(distance.min())
     high = np.abs(loop) > 1.0
     halved = distance > math.sqrt(2.0)
     upto = f[-1] if halved.all() else (f[int(np.argmin(halved))] if halved[0] else 0.0)
     return Margins(
-        stable=_stable(loop),
+        stable=is_stable(loop, lag),
         gain_margin=gain_margin(loop),
         phase_margin=_phase_margin(loop) if high.any() else math.inf,
         sensitivity_peak=1.0 / worst if worst > 0.0 else math.inf,
@@ -308,6 +315,12 @@ def _first_fall(f: Array, size: Array) -> float:
 
 def gain_margin(loop: Complex) -> float:
     """Return the inverse of the largest distance at which the curve crosses the negative axis."""
+    at = negative_crossings(loop)
+    return 1.0 / max(at) if at else math.inf
+
+
+def negative_crossings(loop: Complex) -> list[float]:
+    """Return the distances at which the curve crosses the negative axis."""
     at: list[float] = []
     im, re = loop.imag, loop.real
     turns = np.flatnonzero((im[:-1] * im[1:] < 0.0) & (np.minimum(re[:-1], re[1:]) < 0.0))
@@ -318,7 +331,7 @@ def gain_margin(loop: Complex) -> float:
             at.append(-float(crossing))
     if abs(loop[-1].imag) < 1e-9 * abs(loop[-1]) and loop[-1].real < 0.0:
         at.append(-float(loop[-1].real))
-    return 1.0 / max(at) if at else math.inf
+    return at
 
 
 def _phase_margin(loop: Complex) -> float:
@@ -333,14 +346,14 @@ def _phase_margin(loop: Complex) -> float:
     return float(np.min(np.abs(away + share * turn)))
 
 
-def _stable(loop: Complex) -> bool:
+def is_stable(loop: Complex, lag: float = 0.5 * math.pi) -> bool:
     """Return whether -1 is always to the left of the curve from zero to half the rate.
 
     1 + L turns by -90 degrees on the small circle about the integrator, and by +90 degrees on the
-    curve, if none of its zeros is outside the unit circle.
+    curve, if none of its zeros is outside the unit circle. `lag` is that of the integrals [rad].
     """
     curve = 1.0 + loop
     turned = float(np.sum(np.angle(curve[1:] / curve[:-1])))
-    # an integrator begins at -90 degrees, a finite gain at 0: both end at 0 or the real axis
-    start = float(np.angle(curve[0]))
+    # an integrator begins at -90 degrees, two at -180: all end at 0 or the real axis
+    start = float(np.angle(curve[0] * np.exp(1j * lag))) - lag
     return abs(turned + start) < 0.5 * math.pi

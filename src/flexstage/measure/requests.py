@@ -5,9 +5,17 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from flexstage.base.errors import ModelError
-from flexstage.files.ranges import INNER_SHARE, POSITIVE, PositiveFrequency, Seed, Written
+from flexstage.files.ranges import (
+    INNER_SHARE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    PositiveFrequency,
+    Range,
+    Seed,
+    Written,
+)
 from flexstage.files.request import Request, read_number, request_fields
-from flexstage.quantities.units import DIMENSIONS
+from flexstage.quantities.units import DIMENSIONS, Time
 from flexstage.records.read_options import ONE_COLUMN, ColumnList
 
 #: The excitation of a free decay.
@@ -164,3 +172,76 @@ class FrfRequest(Request):
                 "--fit-modes 0 does not apply to --excitation ring-down, which only fits modes: "
                 "omit it"
             )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TuneRequest(Request):
+    """Position control from measured frequency responses."""
+
+    frf: Annotated[tuple[str, ...], Written("FILE")]
+    """Measured frequency response, or record of input and output over time; give the option again
+    for each repetition.
+    """
+    input: Annotated[ColumnList, ONE_COLUMN] = ()
+    """Number or name of the input column of a record over time."""
+    output: ColumnList = ()
+    """Number or name of its output column."""
+    response: Annotated[tuple[str, ...], Written("COLUMNS", commas=True)] = ()
+    """Columns of a response, if the headings do not name them, as of frf: "0,1 um/V,2 um/V"."""
+    repeated: bool = False
+    """Several responses of a file repeat one measurement."""
+    resolution: PositiveFrequency | None = None
+    """Frequency resolution of records over time, such as "0.5 Hz"."""
+    uncertainty: Annotated[float, Range(low=0.0, high=1.0, below=True), Written("SHARE")] | None = (
+        None
+    )
+    """Relative uncertainty of the response at all lines (default: by variance or coherence in the
+    file, else none for repeated measurements, else 10 %, as tuning from a model assumes for gain).
+    """
+    coverage: Annotated[float, INNER_SHARE, Written("SHARE")] = 0.95
+    """Coverage of the uncertainty at each line, 0 to 1, by variance or coherence."""
+    averages: Annotated[int, Range(low=1)] = 1
+    """Number of averages behind a coherence, if the file does not state it."""
+    shift: Annotated[float, Range(low=0.0, high=0.5, below=True), Written("SHARE")] | None = None
+    """Relative shift of all frequencies, up and down (default: 3 % for one measurement, as tuning
+    from a model assumes for its modes; 0 for several).
+    """
+    control: Literal["auto", "integral", "pi", "damping", "pid", "lead", "double-integral"] = "auto"
+    """Structure, with notches at resonances: integral, pi, damping (pi with a low-pass), pid (with
+    filtered derivative), lead (no integral), double-integral (pi with a second one); auto chooses.
+    """
+    goal: Literal["rejection", "bandwidth"] = "rejection"
+    """Least error after small steps of the drive, or largest bandwidth."""
+    rate: PositiveFrequency = 10e3
+    """Rate of the loop, such as "10 kHz"."""
+    delay: Annotated[Time, NOT_NEGATIVE] | None = None
+    """Delay that the response does not contain, such as "0.1 ms" (default: 1.5 samples, one of
+    computation and half of the hold).
+    """
+    gain_margin: Annotated[float, Range(low=1.0, above=True), Written("NUMBER")] = 2.0
+    """Smallest gain margin, up and down."""
+    phase_margin: Annotated[
+        float, DIMENSIONS["angle"], Range(low=0.0, high=0.5 * math.pi, above=True, below=True),
+        Written(bare="deg"),
+    ] = math.radians(40.0)  # fmt: skip
+    """Smallest phase margin."""
+    modulus: Annotated[float, Range(low=1.0, above=True), Written("NUMBER")] = 2.0
+    """Largest sensitivity Ms, the inverse of the modulus margin."""
+    delay_margin: Annotated[Time, NOT_NEGATIVE] = 0.0
+    """Smallest delay margin, such as "50 us"."""
+    notches: Annotated[int, Range(low=0, high=4)] = 2
+    """Largest number of notches."""
+    derivative_ratio: Annotated[float, Range(low=1.0, above=True), Written("NUMBER")] = 10.0
+    """Pole over zero of the lead, of the derivative and its filter."""
+    phase_step: Annotated[
+        float, DIMENSIONS["angle"], Range(low=0.0, high=0.5 * math.pi, above=True, below=True),
+        Written(bare="deg"),
+    ] = math.radians(60.0)  # fmt: skip
+    """Largest change of phase between two lines where the loop is large: one mode passes it at
+    lines as far apart as half its half-power width, and may be up to 1/cos(step/2) higher.
+    """
+
+    @property
+    def latency(self) -> float:
+        """Delay that the response does not contain [s]."""
+        return 1.5 / self.rate if self.delay is None else self.delay

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.records.detect import FORMATS
     from flexstage.records.drives import (
         curves_in_rows,
     )
@@ -13,7 +12,7 @@ if TYPE_CHECKING:
         Saturation,
         saturation,
     )
-    from flexstage.records.read import read_record
+    from flexstage.records.read import FORMATS, read_record
     from flexstage.records.record import Channel, Record
     from flexstage.records.responses import responses_in_columns
     from flexstage.records.sampling import resample_uniform, resampled, step_uncertainty

@@ -11,8 +11,7 @@ from flexstage.base.errors import StageError
 from flexstage.quantities.characteristic import WHOLE_STAGE
 from flexstage.stage.contour import hinge_root, short_halves
 from flexstage.stage.drive import Drive, Force
-from flexstage.stage.issue import Issue, millimetres
-from flexstage.stage.model import Body, Hinge, Stage
+from flexstage.stage.model import Body, Hinge, Issue, Stage, millimetres
 from flexstage.stage.narrowest import overlaps, slots_between, slots_within, wall_of
 from flexstage.stage.shapes import Shape, body_shapes, notch_shapes, ring
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array, Integers
 from flexstage.base.errors import StageError
-from flexstage.stage.issue import Issue, millimetres
-from flexstage.stage.model import Body, Stage
+from flexstage.stage.model import Body, Issue, Stage, millimetres
 from flexstage.stage.outline import Circle
 from flexstage.stage.shapes import CHORD, Shape, body_shapes, drawn_openings, notch_shapes
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from flexstage.hinges import Profile
 from flexstage.stage.contour import half_notch
-from flexstage.stage.issue import Issue, millimetres
-from flexstage.stage.model import Body, Hinge, Stage
+from flexstage.stage.model import Body, Hinge, Issue, Stage, millimetres
 from flexstage.stage.outline import Circle, Loop
 
 #: Largest distance of a polygon from the arc that it approximates [m].

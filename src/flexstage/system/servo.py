@@ -1,4 +1,4 @@
-r"""Settings of a position control: proportional and integral terms, notches, a low-pass.
+r"""Settings of a position control: proportional and integral terms, and filters of the error.
 
 With the error :math:`e_k = r_k - y_k` after all filters, as a sampled controller computes it:
 
@@ -54,6 +54,37 @@ class Notch:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Lead:
+    r"""A lead, or with its pole below its zero a lag, of unit gain at zero frequency.
+
+    .. math:: N(s) = \frac{1 + s / \omega_z}{1 + s / \omega_p}
+
+    In series with proportional and integral gain it is the filtered derivative of a PID control.
+    """
+
+    zero_hz: float
+    """Frequency of its zero [Hz]."""
+    pole_hz: float
+    """Frequency of its pole [Hz]."""
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.zero_hz < math.inf and 0.0 < self.pole_hz < math.inf):
+            raise ModelError(
+                "a lead needs positive frequencies of its zero and pole, got "
+                f"{self.zero_hz!r} and {self.pole_hz!r} Hz"
+            )
+
+    def section(self, sample_rate_hz: float) -> NDArray[np.float64]:
+        """Return b0, b1, b2, a1, a2 of its difference equation (a0 = 1) at the loop's rate [Hz]."""
+        z, p = (
+            1.0 / math.tan(math.pi * _below_nyquist(f, sample_rate_hz) / sample_rate_hz)
+            for f in (self.zero_hz, self.pole_hz)
+        )
+        return np.array([(1.0 + z) / (1.0 + p), (1.0 - z) / (1.0 + p), 0.0,
+                         (1.0 - p) / (1.0 + p), 0.0])  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ServoSettings:
     """Settings of the position control of one axis.
 
@@ -74,23 +105,36 @@ class ServoSettings:
     lowpass_hz: float | None = None
     """Corner of a second-order low-pass (Butterworth) in the same path [Hz]; none where not given.
     """
+    leads: tuple[Lead, ...] = field(default=())
+    """Leads in the same path."""
+    second_integral_hz: float | None = None
+    r"""Frequency below which a second integral acts, :math:`1 + \omega/s` in the same path [Hz];
+    none where not given.
+    """
 
     def __post_init__(self) -> None:
         for name in ("proportional", "integral"):
             if not 0.0 <= (value := getattr(self, name)) < math.inf:
                 raise ModelError(f"the {name} gain must be 0 or more and finite, got {value!r}")
-        if self.lowpass_hz is not None and not 0.0 < self.lowpass_hz < math.inf:
-            raise ModelError(f"the low-pass must be positive and finite, got {self.lowpass_hz!r}")
+        for name in ("lowpass_hz", "second_integral_hz"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                noun = "low-pass" if name == "lowpass_hz" else "second integral"
+                raise ModelError(f"the {noun} must be positive and finite, got {value!r}")
 
     def sections(self, sample_rate_hz: float) -> NDArray[np.float64]:
         """Return the filters of the error, one row of b0, b1, b2, a1, a2 (a0 = 1) each."""
-        rows = [notch.section(sample_rate_hz) for notch in self.notches]
+        rows = [part.section(sample_rate_hz) for part in (*self.notches, *self.leads)]
         if self.lowpass_hz is not None:
             w = math.tan(math.pi * _below_nyquist(self.lowpass_hz, sample_rate_hz) / sample_rate_hz)
             a0 = 1.0 + math.sqrt(2.0) * w + w * w
             b = w * w / a0
             last = (1.0 - math.sqrt(2.0) * w + w * w) / a0
             rows.append(np.array([b, 2.0 * b, b, 2.0 * (w * w - 1.0) / a0, last]))
+        if self.second_integral_hz is not None:
+            corner = _below_nyquist(self.second_integral_hz, sample_rate_hz)
+            w = math.tan(math.pi * corner / sample_rate_hz)
+            rows.append(np.array([1.0 + w, w - 1.0, 0.0, -1.0, 0.0]))
         return np.array(rows).reshape(len(rows), 5)
 
     def response(self, frequency_hz: ArrayLike, sample_rate_hz: float) -> NDArray[np.complex128]:

@@ -1,4 +1,4 @@
-"""Noise at a constant command, and staircases of small steps."""
+"""Noise at a constant command, staircases of small steps, and loops that reject disturbances."""
 
 from typing import TYPE_CHECKING
 
@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.control.dynamic_budget import DynamicBudget
+from flexstage.control.measured_response import ResponseDesign
 from flexstage.measure.noise.hold import AllanDeviation, HoldNoise
 from flexstage.measure.noise.staircase import Staircase
 from flexstage.quantities.quantity import prefixed
@@ -100,6 +101,32 @@ def draw_cumulative(result: DynamicBudget, *, loop: str = "", point: str = "") -
     add_legend(amplitude, loc="upper left")
     set_title(density, f"{result.stage}, {last.point}: density by source, loop {last.loop}")
     set_title(amplitude, f"Cumulative amplitude: {factor * last.total:.3g} {label} in all")
+    return figure
+
+
+def draw_loops(design: ResponseDesign) -> "Figure":
+    """Draw open loop and sensitivity of each response of a set, the measured ones in colour."""
+    figure, (size, nyquist, sensitivity) = panels(12.4, 3.9, 3, 3)
+    for member in sorted(design.members, key=lambda m: m.measured):
+        f, loop = member.frequency_hz, design.loop_gain(member)
+        look = {"color": CYCLE[0] if member.measured else MUTED, "linewidth": 1.2}
+        look |= {} if member.measured else {"linewidth": 0.4, "alpha": 0.5}
+        size.loglog(f, np.abs(loop), **look)
+        nyquist.plot(loop.real, loop.imag, **look)
+        sensitivity.loglog(f, 1.0 / np.abs(1.0 + loop), **look)
+    highest = design.worst.sensitivity_peak
+    around = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 200)) / highest
+    nyquist.plot(around.real - 1.0, around.imag, color=INK, linewidth=0.9, linestyle=DASHED)
+    nyquist.plot([-1.0], [0.0], "+", color=INK)
+    nyquist.set(xlim=(-2.0, 1.0), ylim=(-1.5, 1.5), aspect="equal")
+    size.axhline(1.0, color=INK, linewidth=0.8)
+    sensitivity.axhline(highest, color=INK, linewidth=0.9, linestyle=DASHED)
+    label_axes(size, "frequency [Hz]", "open loop")
+    label_axes(nyquist, "real part of the open loop", "imaginary part")
+    label_axes(sensitivity, "frequency [Hz]", "sensitivity")
+    set_title(size, f"{design.loop.name} at {design.loop.sample_rate:g} Hz")
+    set_title(nyquist, f"measured (blue) and {len(design.members)} in all")
+    set_title(sensitivity, f"at most {highest:.3g}")
     return figure
 
 

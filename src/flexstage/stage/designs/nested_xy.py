@@ -13,7 +13,7 @@ from flexstage.stage.designs.nested_xy_axis import AxisLayout, AxisParameters, P
 from flexstage.stage.designs.parameters import Topology
 from flexstage.stage.designs.pieces import ROUNDING, at_least, at_most
 from flexstage.stage.drive import placed
-from flexstage.stage.issue import millimetres
+from flexstage.stage.model import millimetres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

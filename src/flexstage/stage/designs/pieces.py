@@ -21,7 +21,7 @@ from flexstage.stage import (
     Stage,
 )
 from flexstage.stage.drive import AnyActuator, ScrewActuator, StackActuator, placed
-from flexstage.stage.issue import millimetres
+from flexstage.stage.model import millimetres
 
 Pair = tuple[float, float]
 

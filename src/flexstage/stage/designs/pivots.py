@@ -23,7 +23,7 @@ from flexstage.stage.designs.pieces import (
     two_sided,
 )
 from flexstage.stage.drive import AnyActuator
-from flexstage.stage.issue import millimetres
+from flexstage.stage.model import millimetres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

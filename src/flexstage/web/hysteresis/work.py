@@ -33,9 +33,8 @@ from flexstage.hysteresis.prediction import After, predict_each
 from flexstage.hysteresis.requests import IdentifyRequest, rowwise
 from flexstage.records import Channel, Record, write_record
 from flexstage.records.contents import contents, is_time, likely_drive, moving_columns, read_whole
-from flexstage.records.detect import format_of
 from flexstage.records.drives import read_drive
-from flexstage.records.read import read_files
+from flexstage.records.read import format_of, read_files
 from flexstage.records.write import record_bytes
 from flexstage.report.figures.identification import draw_drive_record, draw_prediction, draw_record
 from flexstage.report.figures.tracking import draw_feedforward

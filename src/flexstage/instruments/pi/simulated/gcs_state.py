@@ -3,7 +3,7 @@
 import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 from flexstage.instruments.pi.replies import METRES
@@ -120,7 +120,7 @@ class ServoDraft:
         self.frequency = [n.frequency_hz for n in notches] + [0.0] * idle
         self.rejection = [n.zero_damping / n.pole_damping for n in notches] + [0.02] * idle
         self.bandwidth = [2.0 * n.pole_damping for n in notches] + [1.0] * idle
-        self._more = settings.notches[NOTCHES:]
+        self._settings = settings
 
     def settings(self) -> ServoSettings:
         """Return the settings."""
@@ -129,10 +129,11 @@ class ServoDraft:
             for f, r, b in zip(self.frequency, self.rejection, self.bandwidth, strict=True)
             if f != 0.0
         ]
-        return ServoSettings(
+        return replace(
+            self._settings,
             proportional=self.proportional / MICRO,
             integral=self.integral / MICRO,
-            notches=(*notches, *self._more),
+            notches=(*notches, *self._settings.notches[NOTCHES:]),
             lowpass_hz=self.lowpass or None,
         )
 

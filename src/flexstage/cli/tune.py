@@ -1,0 +1,102 @@
+"""`flexstage tune`: position control from a measured frequency response."""
+
+import math
+from typing import TYPE_CHECKING
+
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring
+from flexstage.cli.output import (
+    FigureFile,
+    OutputFile,
+    console,
+    print_notes,
+    print_result,
+    print_table,
+    progress_bar,
+    write_file,
+    write_picture,
+)
+from flexstage.measure.requests import TuneRequest
+from flexstage.records.read_options import ReadOptions
+
+if TYPE_CHECKING:
+    from flexstage.control.measured_response import ResponseDesign
+
+
+@from_docstring
+def tune(
+    *,
+    request: TuneRequest,
+    read_options: ReadOptions,
+    out: OutputFile = None,
+    figure: FigureFile = None,
+    quiet: QuietOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Tune a position control on a measured frequency response.
+
+    No model is fitted. The margins hold for every member of a set: all repetitions, with their
+    uncertainty and with shifted frequencies.
+
+    Parameters
+    ----------
+    out
+        Write the control as a file for budget --loop (.yaml).
+    figure
+        Draw open loops and sensitivities of the set (.svg, .png or .pdf).
+    """
+    from flexstage.control.measured_response import tune_files
+
+    with progress_bar("tune", quiet=quiet):
+        design = tune_files(request, read_options)
+    files = write_picture(figure, design.plot)
+    if out is not None:
+        write_file(out, design.loop_file().encode())
+        files = [out, *files]
+    if json:
+        print_result(design.to_dict(), files)
+        return
+    _print(design)
+    print_notes(console(), design.notes, files)
+
+
+def _print(design: "ResponseDesign") -> None:
+    screen, settings = console(), design.loop.settings
+    above, _, below = design.unit.partition("/")
+    gain = f"{below}/{above}" if below else "input/output"
+    rows = [
+        ("proportional gain", f"{settings.proportional:.5g}", gain),
+        ("integral gain", f"{settings.integral:.5g}", f"{gain}/s"),
+    ]
+    for notch in settings.notches:
+        rows.append(("notch", f"{notch.frequency_hz:.5g}", "Hz"))
+        rows.append(("damping of its zeros", f"{notch.zero_damping:.4g}", "1"))
+        rows.append(("damping of its poles", f"{notch.pole_damping:.4g}", "1"))
+    for lead in settings.leads:
+        rows.append(("zero of the lead", f"{lead.zero_hz:.5g}", "Hz"))
+        rows.append(("pole of the lead", f"{lead.pole_hz:.5g}", "Hz"))
+    corners = (
+        ("low-pass", settings.lowpass_hz),
+        ("second integral below", settings.second_integral_hz),
+    )
+    rows += [(name, f"{corner:.5g}", "Hz") for name, corner in corners if corner is not None]
+    rate = design.loop.sample_rate
+    print_table(screen, f"{design.loop.name} at {rate:g} Hz", ("<setting", "value", "<unit"), rows)
+    nominal, worst = design.nominal, design.worst
+    lines = (
+        ("gain margin", "gain_margin", 1.0, "1"),
+        ("phase margin", "phase_margin", 180.0 / math.pi, "deg"),
+        ("delay margin", "delay_margin", 1e6, "us"),
+        ("largest sensitivity", "sensitivity_peak", 1.0, "1"),
+        ("errors halved up to", "bandwidth_hz", 1.0, "Hz"),
+        ("crossover", "crossover_hz", 1.0, "Hz"),
+    )
+    table = [
+        (name, *(f"{factor * getattr(m, key):.4g}" for m in (nominal, worst)), unit)
+        for name, key, factor, unit in lines
+    ]
+    print_table(
+        screen,
+        f"margins of the measurement, and the worst of {len(design.members)} responses",
+        ("<margin", "measured", "worst", "<unit"),
+        table,
+    )
