@@ -5,7 +5,6 @@ Evidence (Exported files): STEP in gmsh (areas and masses): $10^{-9}$; necks 1 n
 
 import math
 import re
-import signal
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage, mass_properties
 from flexstage.stage.contour import body_contour
 from tests.drawing_stages import PLATES, quick
+from tests.peers.gmsh_grid import started
 
 NANOMETRE = 1e-6  # in millimetres, the unit of the files
 
@@ -121,14 +121,7 @@ class StepText:
 
 @pytest.fixture(scope="module")
 def gmsh() -> Iterator[ModuleType]:
-    try:
-        import gmsh as found
-    except (ImportError, OSError) as error:  # its shared libraries need others of the system
-        pytest.skip(f"Gmsh does not load here: {error}")
-    broken_pipe = signal.getsignal(signal.SIGPIPE)
-    found.initialize([], interruptible=False)
-    # a library of it gives the signal back its default, and the tests after it would end by it
-    signal.signal(signal.SIGPIPE, broken_pipe)
+    found = started()
     found.option.setNumber("General.Terminal", 0)
     yield found
     found.finalize()

@@ -3,6 +3,7 @@
 """
 
 import math
+import signal
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,6 +23,19 @@ from tests.peers.grids import Grid
 _KINDS = {False: 9, True: 16}
 
 
+def started() -> Any:
+    """Return Gmsh after its start, or skip the test where it does not load."""
+    try:
+        import gmsh
+    except (ImportError, OSError) as error:  # its shared libraries need others of the system
+        pytest.skip(f"Gmsh does not load here: {error}")
+    broken_pipe = signal.getsignal(signal.SIGPIPE)
+    gmsh.initialize([], interruptible=False)
+    # a library of it gives the signal back its default, which ends the process of later tests
+    signal.signal(signal.SIGPIPE, broken_pipe)
+    return gmsh
+
+
 def plane_grid(
     stage: Stage,
     outline: TopoDS_Shape,
@@ -35,8 +49,7 @@ def plane_grid(
 
     The slope is the growth of elements over the distance from the notches.
     """
-    gmsh = pytest.importorskip("gmsh", reason="Gmsh is not installed: pip install gmsh")
-    gmsh.initialize([], interruptible=False)
+    gmsh = started()
     try:
         with tempfile.TemporaryDirectory(prefix="gmsh-") as folder:
             path = str(Path(folder) / "plane.brep")

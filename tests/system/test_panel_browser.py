@@ -315,7 +315,6 @@ _MESSAGE = """kind => {
 def test_it_fits_a_phone_and_design_is_seen_without_scrolling(tmp_path: Path) -> None:
     with browser() as running, served(tmp_path) as (address, _):
         page = running.new_page(viewport={"width": 390, "height": 844})
-        page.set_default_timeout(60e3)
         page.goto(address)
         page.get_by_text("What do you want to do?").wait_for()
         base = address.partition("?")[0]

@@ -162,6 +162,38 @@ def test_a_program_that_its_workers_would_run_again_is_a_sentence(tmp_path):
     assert done.stdout == "360\n"
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
+def test_a_worker_that_ends_does_not_end_a_process_whose_library_restored_broken_pipes():
+    done = subprocess.run(
+        [sys.executable, "-c", BROKEN_PIPE], capture_output=True, text=True, timeout=300.0,
+        check=False, env=environment(),
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "60\n"), done.stderr
+
+
+BROKEN_PIPE = """
+import ctypes, signal
+from flexstage.base.errors import WorkerError
+from flexstage.studies.explore import Job, open_workers, workers
+from tests import spread_work
+workers._FIRST_ESTIMATE = workers._WORTH_SHARING = 0.0
+# as Gmsh does, without a word to Python
+libc = ctypes.CDLL(None)
+libc.signal.argtypes = (ctypes.c_int, ctypes.c_void_p)
+libc.signal(int(signal.SIGPIPE), None)
+if __name__ == "__main__":
+    def job(work, sample):
+        return Job(name="trial", work=work, payload={"lasts": 0.01, "sample": sample}, count=60,
+                   batch=5)
+    with open_workers(2) as shared:
+        try:
+            shared.run(job(spread_work.deadly, 33))
+        except WorkerError:
+            print(len(shared.run(job(spread_work.deadly, 99))["sample"]))
+"""
+
+
 PROGRAM = """
 from pathlib import Path
 from flexstage.studies.explore import Job, open_workers, workers

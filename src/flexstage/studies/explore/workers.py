@@ -8,6 +8,7 @@ import os
 import pickle
 import signal
 import sys
+import threading
 import time
 import traceback
 from collections import Counter
@@ -179,6 +180,10 @@ def _environment_of_workers() -> Iterator[None]:
     os.environ.update(ONE_THREAD)
     posix = sys.platform != "win32"
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if posix else set()
+    handler = signal.getsignal(signal.SIGPIPE) if posix else None
+    if handler is not None and threading.current_thread() is threading.main_thread():
+        # a library such as Gmsh restores its default, by which a lost worker ends this process
+        signal.signal(signal.SIGPIPE, handler)
     try:
         yield
     finally:
