@@ -322,6 +322,13 @@ def test_what_does_not_fit_is_refused(
         read_reduced(file)
     with pytest.raises(FlexstageError, match="no frame 'tip': choose from ground, standing"):
         joined(model, model, ("ground", "tip"))
+    both = joined(model, model, ("standing", "ground"))
+    with pytest.raises(FlexstageError, match=rf"already has a frame '{model.name} standing'"):
+        joined(both, model, ("ground", "ground"))
+    second = joined(both, replace(model, name="second"), ("ground", "ground"))
+    assert len(set(second.frames)) == len(second.P) == len(model.P) + 2 * (len(model.P) - 1)
+    with pytest.raises(FlexstageError, match="matrix of a rotation"):
+        joined(model, model, ("standing", "ground"), np.diag([1.0, 1.0, -1.0]))
     count = len(STAGE.bodies)  # those that move in the plane come first
     plane = replace(source, placed=source.placed[:count], condensed=source.condensed[:count])
     with pytest.raises(FlexstageError, match="superelements in space"):
