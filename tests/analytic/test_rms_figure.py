@@ -63,6 +63,7 @@ sources:
   y: {kind: voltage, drive: y, spectrum: {kind: quantiser, step: 2.29 mV, rate: 10 kHz}}
 """)
 
+SENSOR = tuple(s for s in LABORATORY.sources if s.name == "sensor")
 SHAKEN = environment_from_text("""
 environment: 1
 name: floor
@@ -215,6 +216,12 @@ def test_rms_belongs_to_every_axis_or_point_and_needs_an_environment() -> None:
     three = design("three-rrr")
     names = [figure.name for figure in figures_of(["rms"], known_figures(three, SHAKEN))]
     assert names == ["rms_displacement.x", "rms_displacement.y", "rms_rotation.theta"]
+    # noise of a sensor in metres does nothing to an axis that turns, without control
+    turned = replace(three, axes=three.axes[::-1])
+    still = open_budget(turned, lumped_system(turned), replace(LABORATORY, sources=SENSOR))
+    assert [(b.point, b.total) for b in still.budgets] == [("theta", 0.0), ("y", 0.0), ("x", 0.0)]
+    with pytest.raises(ModelError, match="sensor of axis 'theta' reads rad"):
+        dynamic_budget(turned, lumped_system(turned), LABORATORY, ["100 Hz"])
     points = replace(SHAKEN, points=(Point(name="tip", probe="x", relative_to="room"),))
     names = [figure.name for figure in figures_of(["rms"], known_figures(three, points))]
     assert names == ["rms_displacement.tip"]
@@ -229,6 +236,11 @@ def test_study_shows_the_rms_of_every_axis_by_source(tmp_path: Path) -> None:
     assert "The environment 'sound' is the one given. Rms from 0.1 to 20000 Hz" in str(words)
     require_valid(json.loads(results_json(study.to_dict())), "study")
     assert environment_of(PIEZO, StudyRequest.of_models("lumped")) is None
+    assert environment_of(replace(PIEZO, name="a" * 300), StudyRequest()) is None
+    room = replace(SHAKEN, points=(Point(name="tip", probe="x", relative_to="room"),))
+    moved = replace(study, budget=open_budget(PIEZO, lumped_system(PIEZO), room))
+    words, *_ = study_section(moved, "quiet").content
+    assert "against what each point names" in str(words)
     for name in ("vgtu-piezo", "vgtu-mechanical"):
         stage, request = design(name), StudyRequest()
         environment = environment_of(stage, request)

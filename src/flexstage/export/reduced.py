@@ -393,9 +393,10 @@ def joined(
         There is no such frame, the name of another would be there twice, or `turn` is no rotation.
     """
     turn = np.eye(3) if turn is None else np.asarray(turn, dtype=np.float64)
-    if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3)) or np.linalg.det(turn) < 0:
+    square = turn.shape == (3, 3)
+    if not square or not np.allclose(turn @ turn.T, np.eye(3)) or np.linalg.det(turn) < 0.0:
         raise ModelError(
-            f"turn must be the matrix of a rotation, shape (3, 3), got {turn.tolist()}"
+            f"turn must be the matrix of a rotation, of three rows of 3, got {turn.tolist()}"
         )
     a, b = _frame(stage, frames[0]), _frame(part, frames[1])
     others = [i for i in range(len(part.P)) if i != b]

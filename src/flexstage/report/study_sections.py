@@ -391,8 +391,10 @@ def quiet_section(study: "Study") -> Iterator[Content]:
         if given
         else "is assumed, not measured: study --environment FILE takes another"
     )
+    others = {p.relative_to for p in result.environment.points} - {"base"}
+    against = "the base" if not others else "what each point names"
     yield (
-        f"The environment '{name}' {origin}. Rms from {low:g} to {high:g} Hz against the base, "
+        f"The environment '{name}' {origin}. Rms from {low:g} to {high:g} Hz against {against}, "
         f"drives in place, without position control; {result.model} model."
     )
     # displacements and rotations have tables of their own

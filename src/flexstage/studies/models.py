@@ -339,9 +339,9 @@ def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
             try:
                 run = run_model(stage, name, request.options)
                 stacks = stacks_at_work(run.analysis, request.stacks)
-                runs[name] = replace(run, stacks=stacks)
                 if environment is not None:
                     budgets[name] = open_budget(stage, run.analysis.system, environment)
+                runs[name] = replace(run, stacks=stacks)
             except FlexstageError as error:
                 if "all" not in request.model:
                     raise
