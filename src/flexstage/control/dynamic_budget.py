@@ -277,7 +277,7 @@ def dynamic_budget(
     setup = _open_setup(stage, system, environment, axis)
     controlled = stage.axis(setup.axis)
     unit = stage.probe(controlled.probe).unit
-    for source in environment.sources if loops else ():  # a sensor does nothing without one
+    for source in environment.sources:
         if isinstance(source, SensorNoise) and source.spectrum.unit != unit:
             raise ModelError(
                 f"source '{source.name}' is noise in {source.spectrum.unit}, but the sensor of "
