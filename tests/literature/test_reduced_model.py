@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 from scipy.linalg import eigh
+from scipy.sparse import csc_array
 
 from flexstage.base.errors import FlexstageError
 from flexstage.cli import main
@@ -122,7 +123,7 @@ def read_op4(text: str) -> dict[str, np.ndarray]:
 
 
 def test_frequencies_with_the_ground_held(
-    folder: Path, model: Superelement, ours: np.ndarray
+    folder: Path, model: Superelement, ours: np.ndarray, tmp_path: Path
 ) -> None:
     data: dict[str, Any] = loadmat(folder / "hinged-bars-reduced.mat")
     assert held(data["K"], data["M"]) == pytest.approx(ours, rel=1e-9)
@@ -135,6 +136,9 @@ def test_frequencies_with_the_ground_held(
     again = read_reduced(folder / "hinged-bars-reduced.mat")
     assert again.frames == model.frames
     np.testing.assert_array_equal(again.M, model.M)
+    sparse = {name: csc_array(data[name]) for name in "KMC"}
+    savemat(tmp_path / "sparse.mat", {"P": model.P} | sparse)
+    np.testing.assert_array_equal(read_reduced(tmp_path / "sparse.mat").K, model.K)
 
 
 def test_nastran_text_has_the_same_matrices(folder: Path, model: Superelement) -> None:

@@ -350,7 +350,9 @@ def read_reduced(path: Path) -> Superelement:
     from scipy.io import loadmat
 
     with reading(path, "a MATLAB", ": save it as level 5"), path.open("rb") as stream:
-        data: dict[str, Any] = loadmat(stream)
+        read: dict[str, Any] = loadmat(stream)
+    # finite-element programs also save sparse matrices
+    data = {k: v.toarray() if hasattr(v, "toarray") else v for k, v in read.items()}
     P = data.get("P", data.get("int_xyz"))
     if P is None or "K" not in data or "M" not in data:
         raise ModelError(f"{path} must have P (or int_xyz), K and M, got {_names(data)}")
