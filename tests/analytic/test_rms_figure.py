@@ -14,7 +14,11 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.control.dynamic_budget import dynamic_budget
-from flexstage.control.environment import Environment, environment_from_text
+from flexstage.control.environment import (
+    Environment,
+    Point,
+    environment_from_text,
+)
 from flexstage.lumped import assemble_batch, lumped_system, stage_arrays
 from flexstage.quantities.table import Table
 from flexstage.report.study import study_section
@@ -27,7 +31,7 @@ from flexstage.studies.explore.manufactured_samples import process_of, sample_fi
 from flexstage.studies.explore.optimise.optimum import Optimum
 from flexstage.studies.explore.prepare import ready_optimise, ready_sweep, ready_tolerance
 from flexstage.studies.explore.requests import OptimiseRequest, SweepRequest, ToleranceRequest
-from flexstage.studies.explore.tolerance import with_necks
+from flexstage.studies.explore.tolerance import tolerance, with_necks
 from flexstage.studies.explore.variables import variables_of
 from flexstage.studies.explore.workers import Workers
 from flexstage.studies.models import open_budget
@@ -57,6 +61,15 @@ sources:
   sensor: {kind: sensor, spectrum: {kind: white, level: 0.02 nm/rtHz, sided: one, corner: 5 Hz}}
   x: {kind: voltage, drive: x, spectrum: {kind: lowpass, rms: 1 mV, bandwidth: 1 kHz}}
   y: {kind: voltage, drive: y, spectrum: {kind: quantiser, step: 2.29 mV, rate: 10 kHz}}
+""")
+
+SENSOR = tuple(s for s in LABORATORY.sources if s.name == "sensor")
+SHAKEN = environment_from_text("""
+environment: 1
+name: floor
+band: [1 Hz, 1 kHz]
+sources:
+  floor: {kind: ground, along: x, spectrum: {kind: white, level: 1 um/s^2/rtHz, sided: one}}
 """)
 
 
@@ -189,25 +202,27 @@ def test_yield_of_a_required_rms(guide: Path) -> None:
     assert any("'sound'" in note for note in study.notes)
 
 
+def test_scatter_of_an_rms_that_symmetry_leaves_at_zero() -> None:
+    """A model that corrects it by the ratio of two roundings would multiply all samples."""
+    stage = design("three-rrr")
+    figures = [RMS, Figure(quantity="rms_rotation", axis="theta")]
+    study = tolerance(stage, figures=figures, samples=20, environment=SHAKEN)
+    along, about = (spread.mean for spread in study.spreads)
+    # the floor shakes the platform along x; only scattered necks turn it, by less than its width
+    assert 0.0 < 0.1 * about < along
+
+
 def test_rms_belongs_to_every_axis_or_point_and_needs_an_environment() -> None:
     three = design("three-rrr")
-    floor = environment_from_text("""
-environment: 1
-name: floor
-band: [1 Hz, 1 kHz]
-sources:
-  floor: {kind: ground, along: x, spectrum: {kind: white, level: 1 um/s^2/rtHz, sided: one}}
-""")
-    names = [figure.name for figure in figures_of(["rms"], known_figures(three, floor))]
+    names = [figure.name for figure in figures_of(["rms"], known_figures(three, SHAKEN))]
     assert names == ["rms_displacement.x", "rms_displacement.y", "rms_rotation.theta"]
-    points = environment_from_text("""
-environment: 1
-name: floor
-band: [1 Hz, 1 kHz]
-points: {tip: {probe: x, relative_to: room}}
-sources:
-  floor: {kind: ground, along: x, spectrum: {kind: white, level: 1 um/s^2/rtHz, sided: one}}
-""")
+    # noise of a sensor in metres does nothing to an axis that turns, without control
+    turned = replace(three, axes=three.axes[::-1])
+    still = open_budget(turned, lumped_system(turned), replace(LABORATORY, sources=SENSOR))
+    assert [(b.point, b.total) for b in still.budgets] == [("theta", 0.0), ("y", 0.0), ("x", 0.0)]
+    with pytest.raises(ModelError, match="sensor of axis 'theta' reads rad"):
+        dynamic_budget(turned, lumped_system(turned), LABORATORY, ["100 Hz"])
+    points = replace(SHAKEN, points=(Point(name="tip", probe="x", relative_to="room"),))
     names = [figure.name for figure in figures_of(["rms"], known_figures(three, points))]
     assert names == ["rms_displacement.tip"]
     with pytest.raises(ModelError, match=r"'rms.x' is one of a stage in its surroundings.*--env"):
@@ -221,6 +236,11 @@ def test_study_shows_the_rms_of_every_axis_by_source(tmp_path: Path) -> None:
     assert "The environment 'sound' is the one given. Rms from 0.1 to 20000 Hz" in str(words)
     require_valid(json.loads(results_json(study.to_dict())), "study")
     assert environment_of(PIEZO, StudyRequest.of_models("lumped")) is None
+    assert environment_of(replace(PIEZO, name="a" * 300), StudyRequest()) is None
+    room = replace(SHAKEN, points=(Point(name="tip", probe="x", relative_to="room"),))
+    moved = replace(study, budget=open_budget(PIEZO, lumped_system(PIEZO), room))
+    words, *_ = study_section(moved, "quiet").content
+    assert "against what each point names" in str(words)
     for name in ("vgtu-piezo", "vgtu-mechanical"):
         stage, request = design(name), StudyRequest()
         environment = environment_of(stage, request)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 from scipy.linalg import eigh
+from scipy.sparse import csc_array
 
 from flexstage.base.errors import FlexstageError
 from flexstage.cli import main
@@ -122,7 +123,7 @@ def read_op4(text: str) -> dict[str, np.ndarray]:
 
 
 def test_frequencies_with_the_ground_held(
-    folder: Path, model: Superelement, ours: np.ndarray
+    folder: Path, model: Superelement, ours: np.ndarray, tmp_path: Path
 ) -> None:
     data: dict[str, Any] = loadmat(folder / "hinged-bars-reduced.mat")
     assert held(data["K"], data["M"]) == pytest.approx(ours, rel=1e-9)
@@ -135,6 +136,9 @@ def test_frequencies_with_the_ground_held(
     again = read_reduced(folder / "hinged-bars-reduced.mat")
     assert again.frames == model.frames
     np.testing.assert_array_equal(again.M, model.M)
+    sparse = {name: csc_array(data[name]) for name in "KMC"}
+    savemat(tmp_path / "sparse.mat", {"P": model.P} | sparse)
+    np.testing.assert_array_equal(read_reduced(tmp_path / "sparse.mat").K, model.K)
 
 
 def test_nastran_text_has_the_same_matrices(folder: Path, model: Superelement) -> None:
@@ -322,6 +326,13 @@ def test_what_does_not_fit_is_refused(
         read_reduced(file)
     with pytest.raises(FlexstageError, match="no frame 'tip': choose from ground, standing"):
         joined(model, model, ("ground", "tip"))
+    both = joined(model, model, ("standing", "ground"))
+    with pytest.raises(FlexstageError, match=rf"already has a frame '{model.name} standing'"):
+        joined(both, model, ("ground", "ground"))
+    second = joined(both, replace(model, name="second"), ("ground", "ground"))
+    assert len(set(second.frames)) == len(second.P) == len(model.P) + 2 * (len(model.P) - 1)
+    with pytest.raises(FlexstageError, match="matrix of a rotation"):
+        joined(model, model, ("standing", "ground"), np.diag([1.0, 1.0, -1.0]))
     count = len(STAGE.bodies)  # those that move in the plane come first
     plane = replace(source, placed=source.placed[:count], condensed=source.condensed[:count])
     with pytest.raises(FlexstageError, match="superelements in space"):

@@ -562,8 +562,8 @@ def read_environment(path: str | os.PathLike[str]) -> Environment:
 
 def ready_environment(stage: str) -> Environment | None:
     """Return the assumed environment of a built-in stage by its name; None where there is none."""
-    path = Path(__file__).parent / "ready" / f"{stage}.yaml"
-    return read_environment(path) if path.is_file() else None
+    ready = {path.stem: path for path in (Path(__file__).parent / "ready").glob("*.yaml")}
+    return read_environment(ready[stage]) if stage in ready else None
 
 
 def environment_from_text(text: str, source: str = "environment") -> Environment:

@@ -350,7 +350,9 @@ def read_reduced(path: Path) -> Superelement:
     from scipy.io import loadmat
 
     with reading(path, "a MATLAB", ": save it as level 5"), path.open("rb") as stream:
-        data: dict[str, Any] = loadmat(stream)
+        read: dict[str, Any] = loadmat(stream)
+    # finite-element programs also save sparse matrices
+    data = {k: v.toarray() if hasattr(v, "toarray") else v for k, v in read.items()}
     P = data.get("P", data.get("int_xyz"))
     if P is None or "K" not in data or "M" not in data:
         raise ModelError(f"{path} must have P (or int_xyz), K and M, got {_names(data)}")
@@ -390,11 +392,22 @@ def joined(
     Raises
     ------
     ModelError
-        There is no such frame.
+        There is no such frame, the name of another would be there twice, or `turn` is no rotation.
     """
-    turn = np.eye(3) if turn is None else turn
+    turn = np.eye(3) if turn is None else np.asarray(turn, dtype=np.float64)
+    square = turn.shape == (3, 3)
+    if not square or not np.allclose(turn @ turn.T, np.eye(3)) or np.linalg.det(turn) < 0.0:
+        raise ModelError(
+            f"turn must be the matrix of a rotation, of three rows of 3, got {turn.tolist()}"
+        )
     a, b = _frame(stage, frames[0]), _frame(part, frames[1])
     others = [i for i in range(len(part.P)) if i != b]
+    added = [f"{part.name} {part.frames[i]}" for i in others]
+    if twice := next((name for name in added if name in stage.frames), None):
+        raise ModelError(
+            f"'{stage.name}' already has a frame '{twice}': give the part another name by "
+            "dataclasses.replace(part, name=...)"
+        )
     count = len(stage.P) + len(others)
     places = [a if i == b else len(stage.P) + others.index(i) for i in range(len(part.P))]
     of_stage, modes = _numbers(list(range(len(stage.P))), len(stage.K), _EACH * count)
@@ -410,7 +423,7 @@ def joined(
 
     return Superelement(
         name=stage.name,
-        frames=(*stage.frames, *(f"{part.name} {part.frames[i]}" for i in others)),
+        frames=(*stage.frames, *added),
         P=np.concatenate((stage.P, (part.P[others] - part.P[b]) @ turn.T + stage.P[a])),
         K=assembled(stage.K, part.K),
         M=assembled(stage.M, part.M),

@@ -385,14 +385,17 @@ def quiet_section(study: "Study") -> Iterator[Content]:
             yield f"The rms could not be computed: {result}."
         return
     (low, high), name = result.environment.band, result.environment.name
-    given = isinstance(study.request, StudyRequest) and study.request.environment is not None
+    request = study.request
+    requested = isinstance(request, StudyRequest) and request.environment is not None
     origin = (
         "is the one given"
-        if given
+        if requested
         else "is assumed, not measured: study --environment FILE takes another"
     )
+    others = {p.relative_to for p in result.environment.points} - {"base"}
+    against = "the base" if not others else "what each point names"
     yield (
-        f"The environment '{name}' {origin}. Rms from {low:g} to {high:g} Hz against the base, "
+        f"The environment '{name}' {origin}. Rms from {low:g} to {high:g} Hz against {against}, "
         f"drives in place, without position control; {result.model} model."
     )
     # displacements and rotations have tables of their own

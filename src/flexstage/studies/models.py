@@ -339,9 +339,9 @@ def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
             try:
                 run = run_model(stage, name, request.options)
                 stacks = stacks_at_work(run.analysis, request.stacks)
-                runs[name] = replace(run, stacks=stacks)
                 if environment is not None:
                     budgets[name] = open_budget(stage, run.analysis.system, environment)
+                runs[name] = replace(run, stacks=stacks)
             except FlexstageError as error:
                 if "all" not in request.model:
                     raise
@@ -378,11 +378,14 @@ def open_budget(
 ) -> "DynamicBudget":
     """Return the dynamic error budget without control, by default at the probe of every axis."""
     from flexstage.control.dynamic_budget import dynamic_budget
-    from flexstage.control.environment import Point
+    from flexstage.control.environment import Point, SensorNoise
 
+    read = {s.spectrum.unit for s in environment.sources if isinstance(s, SensorNoise)}
+    # noise of a sensor does nothing without control, but belongs to an axis of its unit
+    suitable = (a.name for a in stage.axes if read <= {stage.probe(a.probe).unit})
     every = tuple(Point(name=axis.name, probe=axis.probe) for axis in stage.axes)
     at = replace(environment, points=environment.points or every)
-    return dynamic_budget(stage, system, at)
+    return dynamic_budget(stage, system, at, axis=next(suitable, None))
 
 
 def analyse_moved(stage: Stage, model: str, near: Stage) -> Analysis:

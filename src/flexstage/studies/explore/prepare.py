@@ -106,7 +106,8 @@ def swept(
 
 
 def _environment(path: Path | None) -> Environment | None:
-    return None if path is None else read_environment(path)
+    # its spectra are read: the same batches belong to it in any folder
+    return None if path is None else replace(read_environment(path), folder=Path())
 
 
 def _rms_note(environment: Environment | None, figures: Iterable[Figure]) -> tuple[str, ...]:
@@ -116,7 +117,7 @@ def _rms_note(environment: Environment | None, figures: Iterable[Figure]) -> tup
     (low, high), name = environment.band, environment.name
     return (
         f"rms in the environment '{name}' from {low:g} to {high:g} Hz, without position control "
-        "(flexstage budget has it), and with the assumed damping of the stage: measure it",
+        "(flexstage budget has it); it depends most on the damping of the stage: measure it",
     )
 
 

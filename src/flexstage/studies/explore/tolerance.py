@@ -244,8 +244,10 @@ def monte_carlo_of(
     """Return the samples of a stage, and the models of their figures in words.
 
     The model is ``lumped``, or another one corrects its nominal figures: by a factor, or by an
-    offset for figures that may be zero, such as the coupling. With `follow_necks` the other model
-    also gives the effect of a common neck offset, except on stress, whose peak on a mesh scatters.
+    offset for figures that may be zero: the coupling, or an rms on which the models differ more
+    than twofold, as in a direction that the symmetry of the stage keeps at rest. With
+    `follow_necks` the other model also gives the effect of a common neck offset, except on stress,
+    whose peak on a mesh scatters.
 
     Raises
     ------
@@ -280,7 +282,10 @@ def monte_carlo_of(
     nominal = corrective(0.0)
     for i, figure in enumerate(figures):
         value = float(nominal[i])
-        if figure.display.zero > 0.0 or lumped[i] == 0.0:
+        low, high = sorted((value, float(lumped[i])))
+        # a factor of two roundings would multiply what the scatter of the necks adds
+        apart = figure.quantity in NOISE_FIGURES and high > 2.0 * low
+        if figure.display.zero > 0.0 or lumped[i] == 0.0 or apart:
             added[i] = value - lumped[i]
         else:
             factor[i] = value / lumped[i]
