@@ -3,7 +3,7 @@ r"""Position control from a measured frequency response, with margins for a set 
 The set has every repeated measurement :math:`P(f)`, those with all frequencies shifted, and those
 that differ by the radius r(f) of their uncertainty in eight directions,
 :math:`P + r\,e^{j(\arg P + n\pi/4)}`. No model is fitted. Between two measured lines 1/P is a
-straight line where the phase falls, which is exact for one mode, else P is, which is exact for a
+straight line where the phase falls, which is close to one mode, else P is, which is close to a
 zero.
 """
 
@@ -118,8 +118,13 @@ class ResponseDesign(Result):
         return _controller(self.loop, member.frequency_hz) * member.response
 
     def loop_file(self) -> str:
-        """Return the control as a YAML file of a loop, as ``budget --loop`` reads it."""
-        return Encoder(LOOP_FILE).text(self.loop)
+        """Return the control as a YAML file of a loop, as ``budget --loop`` reads it.
+
+        Its delay is that of the request, as a budget adds the hold to the default of one sample.
+        """
+        request = self.request
+        delay = request.delay if isinstance(request, TuneRequest) else self.loop.delay
+        return Encoder(LOOP_FILE).text(replace(self.loop, delay=delay))
 
     def data(self) -> dict[str, Any]:
         loop, rate = self.loop, self.loop.sample_rate
@@ -144,7 +149,7 @@ class ResponseDesign(Result):
 
 
 def _parallel(settings: ServoSettings) -> dict[str, float] | None:
-    """Return the gains of a PID in parallel form, before its notches; None for another control."""
+    """Return the parallel gains of a PID without notches and low-pass, or None."""
     if settings.second_integral_hz is not None or len(settings.leads) > 1:
         return None
     p, i = settings.proportional, settings.integral
@@ -161,8 +166,11 @@ def _parallel(settings: ServoSettings) -> dict[str, float] | None:
 
 
 def _pi_parameters(settings: ServoSettings) -> dict[str, float] | None:
-    """Return the parameters of a controller by Physik Instrumente, units as of its axis in um."""
-    if settings.leads or settings.second_integral_hz is not None:
+    """Return the parameters of a controller by Physik Instrumente, units as of its axis in um.
+
+    None for a control with a filter that its parameters do not have.
+    """
+    if settings.leads or settings.lowpass_hz or settings.second_integral_hz:
         return None
     numbers = {
         "0x07000300": 1e-6 * settings.proportional,
@@ -231,6 +239,11 @@ def tune_response(responses: Sequence[MeasuredResponse], request: TuneRequest) -
     together, is within :math:`\sqrt{-v \ln(1 - p)}` with probability p at each line.
     """
     measured, members, notes = _response_set(responses, request)
+    units = sorted({unit for unit in map(_unit, responses) if unit})
+    if len(units) > 1:
+        raise ModelError(
+            f"the responses have the units {', '.join(units)}: tune on repetitions of one response"
+        )
     nominal = measured[0]
     for member in measured:
         _require_start(member, request)
@@ -269,7 +282,7 @@ def tune_response(responses: Sequence[MeasuredResponse], request: TuneRequest) -
         loop=loop,
         members=members,
         margins=margins,
-        unit=_unit(responses[0]),
+        unit=units[0] if units else "",
         notes=(*notes, *_notes(loop, members, request)),
     )
     if loop.settings.integral and not design.worst.bandwidth_hz > 0.0:
@@ -311,7 +324,9 @@ def _response_set(
     shifts = np.linspace(-shift, shift, _GRID.shifts if shift else 1)
     measured, members, origins = [], [], []
     for name, response, o in columns:
-        inside = (response.frequency_hz > 0.0) & (response.frequency_hz <= 0.5 * request.rate)
+        highest = 0.5 * request.rate
+        inside = (response.frequency_hz > 0.0) & (response.frequency_hz <= highest)
+        inside &= response.response[:, o, 0] != 0.0
         if inside.sum() < 2:
             raise ModelError(
                 f"the response '{name}' has fewer than two lines below half the rate of the loop, "
@@ -329,11 +344,12 @@ def _response_set(
         dense, values, relative = _dense(f, h, radius / np.abs(h))
         for s, (factor, error) in itertools.product(shifts.tolist(), factors):
             shifted = f", frequencies {100.0 * s:+.2g} %" if s else ""
+            below = (1.0 + s) * dense <= highest
             members.append(
                 Member(
                     name=name + shifted + error,
-                    frequency_hz=(1.0 + s) * dense,
-                    response=values * (1.0 + relative * factor),
+                    frequency_hz=(1.0 + s) * dense[below],
+                    response=(values * (1.0 + relative * factor))[below],
                     measured=not (error or shifted),
                 )
             )
@@ -434,10 +450,10 @@ def _integral_lag(settings: ServoSettings) -> float:
 
 def _tables(members: Sequence[Member]) -> list[tuple[Array, Complex]]:
     """Return frequencies, shape (k,), and the responses of all members there, shape (n, k)."""
-    tables: dict[tuple[float, int], tuple[Array, list[Complex]]] = {}
+    tables: dict[bytes, tuple[Array, list[Complex]]] = {}
     for member in members:
         f = member.frequency_hz
-        tables.setdefault((float(f[0]), f.size), (f, []))[1].append(member.response)
+        tables.setdefault(f.tobytes(), (f, []))[1].append(member.response)
     return [(f, np.stack(responses)) for f, responses in tables.values()]
 
 
@@ -545,7 +561,7 @@ def _surrogate(member: Member, request: TuneRequest) -> LoopPlant:
     peaks = _peaks(f, size, request.notches)
     low = f <= (0.1 * peaks[0][0] if peaks else f[-1])
     low[0] = True
-    delay = float(np.median(-np.angle(h[low] * np.sign(h[0].real)) / (2.0 * np.pi * f[low])))
+    delay = float(np.median(-np.angle(h[low]) / (2.0 * np.pi * f[low])))
     gain = float(size[0])
     modes = None
     if peaks:
@@ -629,5 +645,5 @@ def _notes(loop: PositionLoop, members: Sequence[Member], request: TuneRequest) 
         f"stability by the count of Nyquist from {low:.4g} to {high:.4g} Hz: the stage is assumed "
         "to be stable without feedback, constant below and small above",
         f"delay of {1e6 * loop.latency:.4g} us in addition to that in the response, which a record "
-        'by the controller itself has already (--delay "0 s")',
+        'by the controller itself has already (--delay "0 s"); budget --loop knows no other',
     )
