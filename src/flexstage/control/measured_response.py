@@ -246,7 +246,7 @@ def tune_response(responses: Sequence[MeasuredResponse], request: TuneRequest) -
         )
     nominal = measured[0]
     for member in measured:
-        _require_start(member, request)
+        _require_band(member, request)
     plant = _surrogate(nominal, request)
     best: tuple[float, PositionLoop] | None = None
     coarse = ""
@@ -403,7 +403,8 @@ def _dense(f: Array, h: Complex, relative: Array) -> tuple[Array, Complex, Array
     return dense, values, np.interp(dense, f, relative)
 
 
-def _require_start(member: Member, request: TuneRequest) -> None:
+def _require_band(member: Member, request: TuneRequest) -> None:
+    """Refuse a response that does not begin below its resonances, or ends below one."""
     f, first = member.frequency_hz, member.response[0]
     phase = float(np.angle(first))
     if abs(phase) > math.pi - request.phase_step:
@@ -415,6 +416,13 @@ def _require_start(member: Member, request: TuneRequest) -> None:
         raise ModelError(
             f"the phase at the lowest line, {f[0]:.4g} Hz, is {math.degrees(phase):.0f} deg: the "
             "response of a stage with a stiffness begins near 0, so measure from a lower frequency"
+        )
+    size, scatter = np.abs(member.response), 1.0 + Requirements().gain_scatter
+    if size[-1] > scatter * size[0] and scatter * size[-1] > size.max():
+        raise ModelError(
+            f"the response is largest at its end, {size[-1] / size[0]:.3g} times that at "
+            f"{f[0]:.4g} Hz, as below a resonance above {f[-1]:.4g} Hz: measure beyond it, with a "
+            "--rate of more than twice its frequency"
         )
 
 
@@ -433,7 +441,7 @@ def _coarse(member: Member, loop: PositionLoop, request: TuneRequest) -> str:
     return (
         f"the phase changes by {math.degrees(step[k]):.0f} deg between {f[k]:.5g} and "
         f"{f[k + 1]:.5g} Hz, so that a resonance there may be higher than both lines: measure "
-        f"with lines {spacing:.2g} Hz apart"
+        f"with lines {spacing:.2g} Hz apart, or leave out lines of noise"
     )
 
 
