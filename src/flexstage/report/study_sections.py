@@ -385,10 +385,10 @@ def quiet_section(study: "Study") -> Iterator[Content]:
             yield f"The rms could not be computed: {result}."
         return
     (low, high), name = result.environment.band, result.environment.name
-    given = isinstance(study.request, StudyRequest) and study.request.environment is not None
+    requested = isinstance(study.request, StudyRequest) and study.request.environment is not None
     origin = (
         "is the one given"
-        if given
+        if requested
         else "is assumed, not measured: study --environment FILE takes another"
     )
     yield (
