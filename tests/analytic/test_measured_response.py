@@ -42,7 +42,7 @@ def measured(f, response, **changes) -> MeasuredResponse:
 
 
 def request(**changes) -> TuneRequest:
-    return TuneRequest(**({"frf": ("x.csv",), "rate": RATE, "delay": 0.0} | changes))
+    return TuneRequest(**({"frf": ("x.csv",), "servo_rate": RATE, "delay": 0.0} | changes))
 
 
 def test_a_stage_has_the_same_control_by_its_model_and_by_its_response() -> None:
@@ -56,6 +56,8 @@ def test_a_stage_has_the_same_control_by_its_model_and_by_its_response() -> None
     assert found.integral == pytest.approx(by_model.integral, rel=1e-3)
     assert found.notches == by_model.notches
     assert found.proportional == by_model.proportional
+    # its low-pass is no parameter of a controller by Physik Instrumente
+    assert made.data()["pi_parameters"] is None
 
 
 def largest_pole(settings: ServoSettings, gain: float, mode: float) -> float:
@@ -70,7 +72,10 @@ def largest_pole(settings: ServoSettings, gain: float, mode: float) -> float:
     return float(np.abs(np.roots(np.polyadd(over, under))).max())
 
 
-@pytest.mark.parametrize("kind", ["integral", "pi", "pid", "lead", "double-integral"])
+@pytest.mark.parametrize(
+    "kind",
+    ["integral", "pi", pytest.param("pid", marks=pytest.mark.slow), "lead", "double-integral"],
+)
 def test_the_exact_loop_is_stable_for_the_whole_set(kind) -> None:
     response = measured(LINES, PLANT.response(LINES))
     # a set of one lets a second integral cross far above the mode, where loops are unstable
@@ -144,6 +149,7 @@ def agree(made: ResponseDesign) -> None:
         assert sensitivity == pytest.approx(margins.sensitivity_peak, rel=1e-9)
 
 
+@pytest.mark.slow
 @needs("fine-steering-mirror")
 def test_margins_on_a_measured_mirror_are_those_of_another_package() -> None:
     rows = []
@@ -163,10 +169,24 @@ def test_margins_on_a_measured_mirror_are_those_of_another_package() -> None:
             )
             # its second sensor reads towards the mirror
             rows.append(measured(f[used], -both[:, 1, 1]))
-    made = tune_response(rows, request(rate=6400.0, control="pi", phase_step=math.radians(89.0)))
+    made = tune_response(
+        rows, request(servo_rate=6400.0, control="pi", phase_step=math.radians(89.0))
+    )
     assert len(made.members) == 6
     assert made.worst.sensitivity_peak < 2.001
     agree(made)
+
+
+def test_repetitions_with_as_many_lines_keep_their_own_frequencies() -> None:
+    # two modes on a geometric grid need as many lines between those measured, but elsewhere
+    f = np.geomspace(1.0, 4000.0, 437)
+    both = [GAIN / (1.0 - (f / mode) ** 2 + 0.1j * f / mode) for mode in (f[390], f[350])]
+    made = tune_response(
+        [measured(f, h) for h in both], request(control="integral", uncertainty=0.0)
+    )
+    high, low = made.members
+    assert high.frequency_hz.size == low.frequency_hz.size
+    assert made.worst.sensitivity_peak < 2.001
 
 
 def test_every_error_within_the_radius_keeps_the_margins() -> None:
@@ -208,6 +228,8 @@ COARSE = np.union1d(np.geomspace(1.0, 5000.0, 60), [])
         (COARSE, 1.0, {}, "Hz apart"),
         (LINES[LINES > 920.0], 1.0, {}, "reverse the sign"),
         (LINES[LINES > 300.0], 1.0, {"control": "integral"}, "begins at 30"),
+        (LINES[LINES < 700.0], 1.0, {}, "measure beyond it"),
+        (LINES, 1.0, {"rate": 1200.0}, "more than twice its frequency"),
         (LINES, -1.0, {}, "reverse the sign"),
         (LINES, 1.0, {"rate": 1.5}, "raise --rate"),
         (LINES, 1.0, {"uncertainty": 0.9}, "no longer halves errors"),
@@ -236,6 +258,8 @@ def test_the_command_prints_margins_and_writes_the_loop(
     assert result["structure"] == "integral"
     assert result["unit"] == "m/V"
     assert result["worst"]["sensitivity_peak"] < 2.001
+    # a budget adds the hold
+    assert read_loop(loop).latency == 0.0
     settings = read_loop(loop).settings
     assert settings.integral == result["settings"]["integral"]
     assert result["pi_parameters"]["0x07000301"] == pytest.approx(1e-6 * settings.integral)

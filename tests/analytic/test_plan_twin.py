@@ -559,6 +559,19 @@ def test_a_scale_is_centred_by_an_autocollimator_at_the_faces_of_a_polygon(
     assert any("faces of order 1" in note for note in step.notes) == (settings == (0,))
 
 
+@pytest.mark.parametrize("header", ["face,first,second", "face,round,reading"])
+def test_rounds_of_an_autocollimator_are_no_settings_of_the_polygon(header, tmp_path):
+    face = np.arange(12.0)
+    rows = np.column_stack((face, face, face))
+    if "round" in header:
+        rows = np.vstack([np.column_stack((face, np.full(12, k), face)) for k in (0.0, 1.0)])
+    file = tmp_path / "fine-0.csv"
+    np.savetxt(file, rows, delimiter=",", comments="", header=header)
+    request = centre.RecordedTurns(folder="turns").request((0.0,), 40e-3)
+    with pytest.raises(PlanError, match="turned on the table, such as s0"):
+        centre._at_polygon(file, request, [])
+
+
 def test_readings_of_an_indicator_are_typed_in_with_their_unit(tmp_path):
     # in micrometres at every 10 degrees, as by dial: e_x cos(theta) + e_y sin(theta)
     theta = np.radians(np.arange(0.0, 720.0, 10.0))

@@ -3,7 +3,7 @@ r"""Position control from a measured frequency response, with margins for a set 
 The set has every repeated measurement :math:`P(f)`, those with all frequencies shifted, and those
 that differ by the radius r(f) of their uncertainty in eight directions,
 :math:`P + r\,e^{j(\arg P + n\pi/4)}`. No model is fitted. Between two measured lines 1/P is a
-straight line where the phase falls, which is exact for one mode, else P is, which is exact for a
+straight line where the phase falls, which is close to one mode, else P is, which is close to a
 zero.
 """
 
@@ -118,8 +118,13 @@ class ResponseDesign(Result):
         return _controller(self.loop, member.frequency_hz) * member.response
 
     def loop_file(self) -> str:
-        """Return the control as a YAML file of a loop, as ``budget --loop`` reads it."""
-        return Encoder(LOOP_FILE).text(self.loop)
+        """Return the control as a YAML file of a loop, as ``budget --loop`` reads it.
+
+        Its delay is that of the request, as a budget adds the hold to the default of one sample.
+        """
+        request = self.request
+        delay = request.delay if isinstance(request, TuneRequest) else self.loop.delay
+        return Encoder(LOOP_FILE).text(replace(self.loop, delay=delay))
 
     def data(self) -> dict[str, Any]:
         loop, rate = self.loop, self.loop.sample_rate
@@ -144,7 +149,7 @@ class ResponseDesign(Result):
 
 
 def _parallel(settings: ServoSettings) -> dict[str, float] | None:
-    """Return the gains of a PID in parallel form, before its notches; None for another control."""
+    """Return the parallel gains of a PID without notches and low-pass, or None."""
     if settings.second_integral_hz is not None or len(settings.leads) > 1:
         return None
     p, i = settings.proportional, settings.integral
@@ -161,8 +166,11 @@ def _parallel(settings: ServoSettings) -> dict[str, float] | None:
 
 
 def _pi_parameters(settings: ServoSettings) -> dict[str, float] | None:
-    """Return the parameters of a controller by Physik Instrumente, units as of its axis in um."""
-    if settings.leads or settings.second_integral_hz is not None:
+    """Return the parameters of a controller by Physik Instrumente, units as of its axis in um.
+
+    None for a control with a filter that its parameters do not have.
+    """
+    if settings.leads or settings.lowpass_hz or settings.second_integral_hz:
         return None
     numbers = {
         "0x07000300": 1e-6 * settings.proportional,
@@ -231,16 +239,21 @@ def tune_response(responses: Sequence[MeasuredResponse], request: TuneRequest) -
     together, is within :math:`\sqrt{-v \ln(1 - p)}` with probability p at each line.
     """
     measured, members, notes = _response_set(responses, request)
+    units = sorted({unit for unit in map(_unit, responses) if unit})
+    if len(units) > 1:
+        raise ModelError(
+            f"the responses have the units {', '.join(units)}: tune on repetitions of one response"
+        )
     nominal = measured[0]
     for member in measured:
-        _require_start(member, request)
+        _require_band(member, request)
     plant = _surrogate(nominal, request)
     best: tuple[float, PositionLoop] | None = None
     coarse = ""
     tables = _tables(members)
     for kind, unit in _candidates(plant, request, nominal):
         loop = PositionLoop(
-            name=kind, settings=unit, sample_rate=request.rate, delay=request.latency
+            name=kind, settings=unit, sample_rate=request.servo_rate, delay=request.latency
         )
         gain = _largest_gain(tables, loop, request)
         if not gain > 0.0:
@@ -269,7 +282,7 @@ def tune_response(responses: Sequence[MeasuredResponse], request: TuneRequest) -
         loop=loop,
         members=members,
         margins=margins,
-        unit=_unit(responses[0]),
+        unit=units[0] if units else "",
         notes=(*notes, *_notes(loop, members, request)),
     )
     if loop.settings.integral and not design.worst.bandwidth_hz > 0.0:
@@ -311,11 +324,13 @@ def _response_set(
     shifts = np.linspace(-shift, shift, _GRID.shifts if shift else 1)
     measured, members, origins = [], [], []
     for name, response, o in columns:
-        inside = (response.frequency_hz > 0.0) & (response.frequency_hz <= 0.5 * request.rate)
+        highest = 0.5 * request.servo_rate
+        inside = (response.frequency_hz > 0.0) & (response.frequency_hz <= highest)
+        inside &= response.response[:, o, 0] != 0.0
         if inside.sum() < 2:
             raise ModelError(
                 f"the response '{name}' has fewer than two lines below half the rate of the loop, "
-                f"{request.rate:g} Hz: raise --rate"
+                f"{request.servo_rate:g} Hz: raise --servo-rate"
             )
         one = response.lines(inside)
         f, h = one.frequency_hz, one.response[:, o, 0]
@@ -329,11 +344,12 @@ def _response_set(
         dense, values, relative = _dense(f, h, radius / np.abs(h))
         for s, (factor, error) in itertools.product(shifts.tolist(), factors):
             shifted = f", frequencies {100.0 * s:+.2g} %" if s else ""
+            below = (1.0 + s) * dense <= highest
             members.append(
                 Member(
                     name=name + shifted + error,
-                    frequency_hz=(1.0 + s) * dense,
-                    response=values * (1.0 + relative * factor),
+                    frequency_hz=(1.0 + s) * dense[below],
+                    response=(values * (1.0 + relative * factor))[below],
                     measured=not (error or shifted),
                 )
             )
@@ -387,7 +403,8 @@ def _dense(f: Array, h: Complex, relative: Array) -> tuple[Array, Complex, Array
     return dense, values, np.interp(dense, f, relative)
 
 
-def _require_start(member: Member, request: TuneRequest) -> None:
+def _require_band(member: Member, request: TuneRequest) -> None:
+    """Refuse a response that does not begin below its resonances, or ends below one."""
     f, first = member.frequency_hz, member.response[0]
     phase = float(np.angle(first))
     if abs(phase) > math.pi - request.phase_step:
@@ -399,6 +416,13 @@ def _require_start(member: Member, request: TuneRequest) -> None:
         raise ModelError(
             f"the phase at the lowest line, {f[0]:.4g} Hz, is {math.degrees(phase):.0f} deg: the "
             "response of a stage with a stiffness begins near 0, so measure from a lower frequency"
+        )
+    size, scatter = np.abs(member.response), 1.0 + Requirements().gain_scatter
+    if size[-1] > scatter * size[0] and scatter * size[-1] > size.max():
+        raise ModelError(
+            f"the response is largest at its end, {size[-1] / size[0]:.3g} times that at "
+            f"{f[0]:.4g} Hz, as below a resonance above {f[-1]:.4g} Hz: measure beyond it, with a "
+            "--rate of more than twice its frequency"
         )
 
 
@@ -417,7 +441,7 @@ def _coarse(member: Member, loop: PositionLoop, request: TuneRequest) -> str:
     return (
         f"the phase changes by {math.degrees(step[k]):.0f} deg between {f[k]:.5g} and "
         f"{f[k + 1]:.5g} Hz, so that a resonance there may be higher than both lines: measure "
-        f"with lines {spacing:.2g} Hz apart"
+        f"with lines {spacing:.2g} Hz apart, or leave out lines of noise"
     )
 
 
@@ -434,10 +458,10 @@ def _integral_lag(settings: ServoSettings) -> float:
 
 def _tables(members: Sequence[Member]) -> list[tuple[Array, Complex]]:
     """Return frequencies, shape (k,), and the responses of all members there, shape (n, k)."""
-    tables: dict[tuple[float, int], tuple[Array, list[Complex]]] = {}
+    tables: dict[bytes, tuple[Array, list[Complex]]] = {}
     for member in members:
         f = member.frequency_hz
-        tables.setdefault((float(f[0]), f.size), (f, []))[1].append(member.response)
+        tables.setdefault(f.tobytes(), (f, []))[1].append(member.response)
     return [(f, np.stack(responses)) for f, responses in tables.values()]
 
 
@@ -545,7 +569,7 @@ def _surrogate(member: Member, request: TuneRequest) -> LoopPlant:
     peaks = _peaks(f, size, request.notches)
     low = f <= (0.1 * peaks[0][0] if peaks else f[-1])
     low[0] = True
-    delay = float(np.median(-np.angle(h[low] * np.sign(h[0].real)) / (2.0 * np.pi * f[low])))
+    delay = float(np.median(-np.angle(h[low]) / (2.0 * np.pi * f[low])))
     gain = float(size[0])
     modes = None
     if peaks:
@@ -557,7 +581,7 @@ def _surrogate(member: Member, request: TuneRequest) -> LoopPlant:
         gain_range=(gain, gain),
         modes=modes,
         delay=max(delay, 0.0) + request.latency,
-        sample_rate_hz=request.rate,
+        sample_rate_hz=request.servo_rate,
     )
 
 
@@ -594,7 +618,7 @@ def _candidates(
     if kind not in ("auto", "pid", "lead", "double-integral"):
         return
     corners = np.geomspace(
-        nominal.frequency_hz[0], _GRID.highest * request.rate, _GRID.corners
+        nominal.frequency_hz[0], _GRID.highest * request.servo_rate, _GRID.corners
     ).tolist()
     for width in WIDTHS:
         notches = peak_notches(plant, width)
@@ -604,7 +628,7 @@ def _candidates(
                     yield "double-integral", replace(unit, second_integral_hz=corner)
         spread = math.sqrt(request.derivative_ratio)
         for centre in corners:
-            if centre * spread >= 0.5 * request.rate or kind == "double-integral":
+            if centre * spread >= 0.5 * request.servo_rate or kind == "double-integral":
                 continue
             lead = Lead(zero_hz=centre / spread, pole_hz=centre * spread)
             if kind == "lead":
@@ -629,5 +653,5 @@ def _notes(loop: PositionLoop, members: Sequence[Member], request: TuneRequest) 
         f"stability by the count of Nyquist from {low:.4g} to {high:.4g} Hz: the stage is assumed "
         "to be stable without feedback, constant below and small above",
         f"delay of {1e6 * loop.latency:.4g} us in addition to that in the response, which a record "
-        'by the controller itself has already (--delay "0 s")',
+        'by the controller itself has already (--delay "0 s"); budget --loop knows no other',
     )

@@ -212,7 +212,7 @@ class TuneRequest(Request):
     """
     goal: Literal["rejection", "bandwidth"] = "rejection"
     """Least error after small steps of the drive, or largest bandwidth."""
-    rate: PositiveFrequency = 10e3
+    servo_rate: PositiveFrequency = 10e3
     """Rate of the loop, such as "10 kHz"."""
     delay: Annotated[Time, NOT_NEGATIVE] | None = None
     """Delay that the response does not contain, such as "0.1 ms" (default: 1.5 samples, one of
@@ -244,4 +244,4 @@ class TuneRequest(Request):
     @property
     def latency(self) -> float:
         """Delay that the response does not contain [s]."""
-        return 1.5 / self.rate if self.delay is None else self.delay
+        return 1.5 / self.servo_rate if self.delay is None else self.delay

@@ -478,6 +478,11 @@ def _at_polygon(file: Path, request: CentreRequest, notes: list[str]) -> "Centre
         )
         setup = fit_setup([head], False, request.radius, request.kind, None, request.outliers)
         return _eccentricity([setup], file, notes)
+    if any(name.startswith("round") or not name[-1].isdigit() for name in names):
+        raise PlanError(
+            f"{file} has the columns {', '.join(names)}: end the name of each with the number of "
+            "faces by which the polygon is turned on the table, such as s0 and s1"
+        )
     table = calibrate_files([file], replace(polygon, method="rosette")).divisions[1]
     if 1 in table.blind:
         raise PlanError(
