@@ -76,9 +76,16 @@ def test_a_used_address_and_a_foreign_page_are_refused(tmp_path: Path) -> None:
         assert "token=" in process.stdout.readline()
         base = "{0.scheme}://{0.netloc}".format(urlsplit(address))
         foreign = {"Origin": "http://lab.example"}
-        assert httpx.post(f"{base}/", headers=foreign).status_code == 403
-        assert httpx.get(f"{base}/", headers={"Host": "lab.example"}).status_code == 421
-        assert httpx.post(f"{base}/", headers={"Origin": base}, content=b"x").status_code == 401
+        assert httpx.post(f"{base}/", headers=foreign, timeout=300.0).status_code == 403
+        assert (
+            httpx.get(f"{base}/", headers={"Host": "lab.example"}, timeout=300.0).status_code == 421
+        )
+        assert (
+            httpx.post(
+                f"{base}/", headers={"Origin": base}, content=b"x", timeout=300.0
+            ).status_code
+            == 401
+        )
         # what is no request at all ends its connection, and nothing else
         first.reload()
         first.wait_for_selector("main.view h1")
@@ -101,7 +108,9 @@ def test_it_is_served_with_a_password_over_tls(tmp_path: Path) -> None:
         base = "{0.scheme}://{0.netloc}".format(urlsplit(address))
         trusted = ssl.create_default_context(cafile=str(tmp_path / "cert.pem"))
         trusted.check_hostname = False
-        with httpx.Client(base_url=base, verify=trusted, headers={"Origin": base}) as client:
+        with httpx.Client(
+            base_url=base, verify=trusted, headers={"Origin": base}, timeout=300.0
+        ) as client:
             assert client.get("/").status_code == 401
             assert client.post("/enter", data={"password": "wrong"}).status_code == 401
             assert client.post("/enter", data={"password": "a long password"}).status_code == 200

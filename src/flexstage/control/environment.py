@@ -11,6 +11,7 @@ import os
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from string import Template
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -29,6 +30,7 @@ from flexstage.files.ranges import (
 from flexstage.quantities.units import Time, parse, si_unit
 from flexstage.records.read_options import TextLayout
 from flexstage.records.text import read_text
+from flexstage.stage import Stage
 from flexstage.system.mechanical import STANDARD_GRAVITY, GroundDirection
 from flexstage.system.servo import Notch, ServoSettings
 
@@ -560,10 +562,16 @@ def read_environment(path: str | os.PathLike[str]) -> Environment:
     return decoder.build(Environment, root, "", {"folder": Path(path).parent})
 
 
-def ready_environment(stage: str) -> Environment | None:
-    """Return the assumed environment of a built-in stage by its name; None where there is none."""
+def ready_environment(stage: Stage) -> Environment | None:
+    """Return the assumed environment of a built-in stage, by its axes in their order; else None."""
     ready = {path.stem: path for path in (Path(__file__).parent / "ready").glob("*.yaml")}
-    return read_environment(ready[stage]) if stage in ready else None
+    if stage.name not in ready or len(stage.axes) != len("xy"):
+        return None
+    parts = {}
+    for letter, axis in zip("xy", stage.axes, strict=True):
+        parts |= {letter: axis.name, f"{letter}_drive": axis.drive, f"{letter}_probe": axis.probe}
+    text = Template(ready[stage.name].read_text("utf-8")).substitute(parts)
+    return environment_from_text(text, ready[stage.name].name)
 
 
 def environment_from_text(text: str, source: str = "environment") -> Environment:

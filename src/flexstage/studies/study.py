@@ -342,7 +342,7 @@ def environment_of(stage: Stage, request: StudyRequest) -> Environment | None:
     """Return the environment of a study: the one given, or the assumed one of a built-in stage."""
     if request.environment is not None:
         return read_environment(request.environment)
-    return None if request.parts == ("none",) else ready_environment(stage.name)
+    return None if request.parts == ("none",) else ready_environment(stage)
 
 
 def _budget(stage: Stage, main: Analysis, environment: Environment) -> "DynamicBudget | str":
