@@ -76,16 +76,10 @@ def test_a_used_address_and_a_foreign_page_are_refused(tmp_path: Path) -> None:
         assert "token=" in process.stdout.readline()
         base = "{0.scheme}://{0.netloc}".format(urlsplit(address))
         foreign = {"Origin": "http://lab.example"}
-        assert httpx.post(f"{base}/", headers=foreign, timeout=300.0).status_code == 403
-        assert (
-            httpx.get(f"{base}/", headers={"Host": "lab.example"}, timeout=300.0).status_code == 421
-        )
-        assert (
-            httpx.post(
-                f"{base}/", headers={"Origin": base}, content=b"x", timeout=300.0
-            ).status_code
-            == 401
-        )
+        with httpx.Client(base_url=base, timeout=300.0) as client:
+            assert client.post("/", headers=foreign).status_code == 403
+            assert client.get("/", headers={"Host": "lab.example"}).status_code == 421
+            assert client.post("/", headers={"Origin": base}, content=b"x").status_code == 401
         # what is no request at all ends its connection, and nothing else
         first.reload()
         first.wait_for_selector("main.view h1")
