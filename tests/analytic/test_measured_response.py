@@ -229,7 +229,7 @@ COARSE = np.union1d(np.geomspace(1.0, 5000.0, 60), [])
         (LINES[LINES > 920.0], 1.0, {}, "reverse the sign"),
         (LINES[LINES > 300.0], 1.0, {"control": "integral"}, "begins at 30"),
         (LINES[LINES < 700.0], 1.0, {}, "measure beyond it"),
-        (LINES, 1.0, {"servo_rate": 1200.0}, "more than twice its frequency"),
+        (LINES, 1.0, {"servo_rate": 1200.0}, "--servo-rate of more than twice its"),
         (LINES, -1.0, {}, "reverse the sign"),
         (LINES, 1.0, {"servo_rate": 1.5}, "raise --servo-rate"),
         (LINES, 1.0, {"uncertainty": 0.9}, "no longer halves errors"),

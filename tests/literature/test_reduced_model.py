@@ -317,6 +317,10 @@ def test_what_does_not_fit_is_refused(
         ({"A": np.eye(2)}, "must have P"),
         ({"P": np.zeros((2, 3)), "K": np.eye(12), "M": np.eye(11)}, "square K, M and C"),
         ({"P": np.zeros((3, 2)), "K": np.eye(18), "M": np.eye(18)}, "P of n rows of 3"),
+        (
+            {"P": np.zeros((1, 3)), "K": np.eye(6), "M": np.eye(6), "frames": ["base", "tip "]},
+            "2 names of frames for 1 rows",
+        ),
     ):
         savemat(file, variables)
         with pytest.raises(FlexstageError, match=said):

@@ -422,7 +422,7 @@ def _require_band(member: Member, request: TuneRequest) -> None:
         raise ModelError(
             f"the response is largest at its end, {size[-1] / size[0]:.3g} times that at "
             f"{f[0]:.4g} Hz, as below a resonance above {f[-1]:.4g} Hz: measure beyond it, with a "
-            "--rate of more than twice its frequency"
+            "--servo-rate of more than twice its frequency"
         )
 
 

@@ -365,6 +365,8 @@ def read_reduced(path: Path) -> Superelement:
             f"{P.shape}, {K.shape}, {M.shape}, {C.shape}"
         )
     names = [str(np.squeeze(name)) for name in data.get("frames", np.zeros((0, 1))).ravel()]
+    if len(names) not in (0, len(P)):
+        raise ModelError(f"{path} has {len(names)} names of frames for {len(P)} rows of P")
     return Superelement(
         name=path.stem,
         frames=tuple(names or [f"frame {i + 1}" for i in range(len(P))]),
