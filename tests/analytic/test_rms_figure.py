@@ -31,7 +31,7 @@ from flexstage.studies.explore.manufactured_samples import process_of, sample_fi
 from flexstage.studies.explore.optimise.optimum import Optimum
 from flexstage.studies.explore.prepare import ready_optimise, ready_sweep, ready_tolerance
 from flexstage.studies.explore.requests import OptimiseRequest, SweepRequest, ToleranceRequest
-from flexstage.studies.explore.tolerance import tolerance, with_necks
+from flexstage.studies.explore.tolerance import MonteCarloSamples, tolerance, with_necks
 from flexstage.studies.explore.variables import variables_of
 from flexstage.studies.explore.workers import Workers
 from flexstage.studies.models import open_budget
@@ -210,6 +210,18 @@ def test_scatter_of_an_rms_that_symmetry_leaves_at_zero() -> None:
     along, about = (spread.mean for spread in study.spreads)
     # the floor shakes the platform along x; only scattered necks turn it, by less than its width
     assert 0.0 < 0.1 * about < along
+
+
+def test_an_rms_that_an_offset_corrects_is_not_negative() -> None:
+    samples = MonteCarloSamples(
+        process=process_of(design("parallelogram"), Scatter()),
+        seed=0,
+        figures=(RMS, Figure(quantity="cross_coupling", axis="x")),
+        factor=np.ones(2),
+        added=np.array([-3.0, -3.0]),
+        per_neck=np.zeros(2),
+    )
+    assert samples.corrected(np.array([[2.0, 2.0], [4.0, 4.0]])).tolist() == [[0, -1], [1, 1]]
 
 
 def test_rms_belongs_to_every_axis_or_point_and_needs_an_environment() -> None:

@@ -22,11 +22,11 @@ from flexstage.virtual.as_built import AsBuilt, as_built
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.imperfections import Scatter
 from flexstage.virtual.laboratory import Laboratory, record_of
-from tests.tiers import limits
+from tests.tiers import limits, sizes
 from tests.virtual_stages import set_once
 
 EXACT = Scatter(neck_common=0.0, neck_own=0.0, position=0.0, modulus=0.0, lean=0.0, drive=0.0)
-SEEDS = [2, pytest.param(200, marks=pytest.mark.slow)]
+SEEDS = [2, *sizes(slow=50, evidence=200)]
 
 
 def path_of(stage: Stage, axis: str) -> StrokeMotion:

@@ -1,5 +1,6 @@
 """Monte Carlo tolerance analysis: scatter of figures, yield, and contributions to the variance."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -118,11 +119,16 @@ class MonteCarloSamples:
             stage, scatter = self.process.stage, self.process.scatter
             numbers = draw(stage, ("neck_common",), 0, samples, seed=self.seed)["neck_common"]
             values += scatter.neck_common * numbers[:, :, 0] * self.per_neck
-        return values, columns["impossible"]
+        return np.maximum(values, self._least), columns["impossible"]
 
     def corrected(self, values: Array) -> Array:
         """Return corrected figures of the lumped model, without the correction for necks."""
-        return values * self.factor + self.added
+        return np.maximum(values * self.factor + self.added, self._least)
+
+    @property
+    def _least(self) -> list[float]:
+        """Least value of each figure: an rms that an offset corrects is not negative."""
+        return [0.0 if f.quantity in NOISE_FIGURES else -math.inf for f in self.figures]
 
 
 def _batch(
