@@ -10,10 +10,8 @@ SEARCHES ?= 5
 main := .venv/bin
 dev := .venv-dev/bin
 
-# The tools find this Python, and each other, first; pyright runs the Node.js of the lock and
-# looks for no newer version of itself.
-dev_run := PATH="$(CURDIR)/$(dev):$$PATH" PYRIGHT_PYTHON_GLOBAL_NODE=0 \
-	PYRIGHT_PYTHON_IGNORE_WARNINGS=1
+# The tools find this Python, and each other, first.
+dev_run := PATH="$(CURDIR)/$(dev):$$PATH"
 
 .DEFAULT_GOAL := help
 # Tests that measure time, by their marker.
@@ -33,7 +31,7 @@ study-vgtu-mechanical: quietly := --quiet
 study-%: env
 	$(main)/flexstage study $* --folder $(OUT)/$* $(quietly)
 
-# Types are looked at by one core for a minute: the tests begin beside it.
+# Types are looked at within a minute: the tests begin beside it.
 test: style ## lint, with every test but the slow ones beside it
 	@$(MAKE) --no-print-directory -j2 types quick
 
@@ -70,7 +68,7 @@ style: env-dev
 	$(dev_run) python scripts/words.py
 
 types: env-dev
-	$(dev_run) pyright
+	$(dev_run) pyrefly check --python-interpreter-path $(dev)/python --output-format min-text
 
 format: env-dev ## put the code into the common format
 	$(dev_run) ruff check --fix .

@@ -14,7 +14,7 @@ from flexstage.system.servo import ServoSettings
 
 
 class Axis(MotionAxis):
-    limits = AxisLimits(voltage=(-20.0, 120.0), slew=1e4)  # pyright: ignore[reportAssignmentType]
+    limits = AxisLimits(voltage=(-20.0, 120.0), slew=1e4)  # type: ignore[assignment]
     name = "x"
     capabilities = frozenset({Capability.OPEN_LOOP})
 
@@ -105,7 +105,7 @@ def test_what_it_cannot_do_is_refused_with_a_sentence() -> None:
 
 def test_an_axis_with_position_control_alone_is_always_under_it() -> None:
     class Screw(Axis):
-        capabilities = frozenset({Capability.CLOSED_LOOP})  # pyright: ignore[reportAssignmentType]
+        capabilities = frozenset({Capability.CLOSED_LOOP})  # type: ignore[assignment]
         voltage, set_voltage = MotionAxis.voltage, MotionAxis.set_voltage
 
     screw = Screw(Minimal())

@@ -316,7 +316,7 @@ def wave(quantity: str = "voltage", **values) -> Waveform:
     return Waveform(
         values={k: np.asarray(v, dtype=float) for k, v in values.items()},
         sample_rate_hz=4e3,
-        quantity=quantity,  # pyright: ignore[reportArgumentType]
+        quantity=quantity,  # type: ignore[arg-type]
     )
 
 

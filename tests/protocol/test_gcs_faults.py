@@ -72,7 +72,7 @@ def shape(*values: float, quantity: str = "voltage") -> Waveform:
     return Waveform(
         values={"x": np.array(values)},
         sample_rate_hz=4e3,
-        quantity=quantity,  # pyright: ignore[reportArgumentType]
+        quantity=quantity,  # type: ignore[arg-type]
     )
 
 

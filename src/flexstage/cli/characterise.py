@@ -113,7 +113,7 @@ def characterise(
     if out is not None:
         contents["report.html"] = measurement_text(result).encode()
         contents["results.json"] = json_text(result.to_dict()).encode()
-    saved = [] if out is None else write_files(out, contents)
+    saved: list[Path] = [] if out is None else write_files(out, contents)
     if json:
         print_result(result.to_dict(), saved)
         return

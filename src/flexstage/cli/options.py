@@ -84,11 +84,12 @@ def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
 def _request_parameters(kind: type[Request]) -> Iterator[inspect.Parameter]:
     """Yield the options of a request and of those nested in it; the help page reads their texts."""
     for field in request_fields(kind).values():
+        type_of = _type_of(field)
         yield inspect.Parameter(
             field.name,
             inspect.Parameter.KEYWORD_ONLY,
             default=_default(field),
-            annotation=Annotated[_type_of(field), _option_of(field, kind.heading or None)],
+            annotation=Annotated[type_of, _option_of(field, kind.heading or None)],
         )
     for _, group in request_groups(kind):
         yield from _request_parameters(group)

@@ -181,7 +181,8 @@ def _print_address(
     bracketed = f"[{address}]" if ":" in address else address
     where = f"gcs://{bracketed}:{port}"
     if as_json:
-        result = {"stage": name, "address": where, "host": address, "port": port, "fast": fast}
+        result: dict[str, object] = {"stage": name, "address": where, "host": address}
+        result |= {"port": port, "fast": fast}
         if further:
             result["channels"] = {channel.name: channel.number for channel in further}
         line = json.dumps(result)

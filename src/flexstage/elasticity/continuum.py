@@ -338,7 +338,7 @@ class Continuum:
                 sigma=0.0,
                 OPinv=operator((n, n), matvec=solve, dtype=float),
                 v0=start,
-                tol=tolerance,  # type: ignore[arg-type]
+                tol=tolerance,
             )
         except spl.ArpackError as error:
             raise ConvergenceError(f"the modes of the mesh were not found: {error}") from error

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from flexstage.experiments.campaign.plan import Campaign, Columns, Test
 from flexstage.experiments.campaign.results import Characterisation, evaluate
@@ -88,8 +89,8 @@ def _description(built: AsBuilt, lab: Laboratory) -> Campaign:
     tests: list[Test] = []
     for axis in built.axes:
         if axis.hysteresis is not None:
-            columns = replace(Columns(command="command", along="along"), **{m: m for m in MOTIONS})
-            motion = _test("motion", axis.name, columns)
+            roles: dict[str, Any] = {role: role for role in ("command", "along", *MOTIONS)}
+            motion = _test("motion", axis.name, Columns(**roles))
             motion = replace(motion, transverse="transverse", angle="angle")
         else:
             motion = _test("spheres", axis.name, Columns(command="command", spheres=SPHERES))

@@ -51,7 +51,7 @@ RIGID = 1e5
 
 def region_materials(stage: Stage) -> dict[str, Material]:
     """Return the materials of bodies that are rigid or of another one, by the names of regions."""
-    materials = {}
+    materials: dict[str, Material] = {}
     for body in stage.other_bodies:
         figures = {f.name: getattr(stage.material_of(body), f.name) for f in fields(Material)}
         figures["youngs_modulus"] *= RIGID if body.rigid else 1.0

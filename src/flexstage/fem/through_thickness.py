@@ -164,7 +164,7 @@ class ThroughThickness:
         mixes = {}
         for name, (values, _) in self.at(z).items():
             lower = np.linalg.cholesky((values * weights) @ values.T)
-            mixes[name] = np.linalg.inv(lower)
+            mixes[name] = np.asarray(np.linalg.inv(lower), dtype=float)
         return mixes
 
     def values_at(self, z: Array) -> dict[str, tuple[Array, Array]]:

@@ -387,8 +387,9 @@ class Decoder:
             return int(amount)
         value = node.value if isinstance(node, Scalar) else None
         # 3.0 and 1e3 are whole numbers too
-        integral = isinstance(value, float) and value.is_integer() and not self.format.exact
-        integral = integral or isinstance(value, int)
+        integral = isinstance(value, int) or (
+            isinstance(value, float) and value.is_integer() and not self.format.exact
+        )
         if isinstance(value, bool) or not integral:
             self.refuse(node, path, f"expected {what}, got {show(node)}")
         return int(typing.cast("float", value))

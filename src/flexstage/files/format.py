@@ -6,11 +6,12 @@ twice, so that files and classes always agree.
 """
 
 import math
+import operator
 import types
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Annotated, Any
 
 from flexstage.base.errors import FlexstageError
@@ -102,7 +103,7 @@ def optional_part(kind: Any) -> Any | None:
     others = [part for part in parts if part is not types.NoneType]
     if not others or len(others) == len(parts):
         return None
-    return others[0] if len(others) == 1 else typing.Union[tuple(others)]  # noqa: UP007
+    return others[0] if len(others) == 1 else reduce(operator.or_, others)
 
 
 def dimension_of(kind: Any) -> tuple[Dimension, int] | None:

@@ -24,7 +24,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import ngsolve as ng
 import numpy as np
@@ -418,7 +418,7 @@ def surface_stress(
     t = model.block.neck
     nominal = {"N": 1.0 / t, "M": 6.0 / t**2}
 
-    def factors(name: str, place: int) -> tuple[float, float]:
+    def factors(name: Literal["N", "M"], place: int) -> tuple[float, float]:
         left, right = (stress[name, side][place] / nominal[name] for side in _SIDES)
         return left, right
 

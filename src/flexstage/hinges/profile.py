@@ -209,14 +209,13 @@ _SHARES = np.linspace(0.0, 1.0, 9)
 _Node = tuple[float, float, float]  # x, depth [m] and angle [rad]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CurvedProfile(Profile):
     """A notch whose contour is neither lines nor arcs, and turns away from the hinge throughout.
 
     Drawings and finite elements have pairs of arcs with a common tangent in its place (K. M.
     Bolton, Computer-Aided Design 7 (1975) 89), as many as bring them within 10 nm of it.
     """
-
-    __slots__ = ()
 
     def contour(self) -> tuple[Vertex, ...]:
         return _contour(self)

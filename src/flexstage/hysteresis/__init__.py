@@ -112,6 +112,6 @@ __all__ = [
 ]
 
 # the classes of the models
-__all__ += list(names_for_types("flexstage.hysteresis.models.registry"))  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ += list(names_for_types("flexstage.hysteresis.models.registry"))
 
 import_on_use(__name__)

@@ -425,8 +425,8 @@ def _possible_starts(
 
     def compared(memory: str) -> tuple[float, float]:
         # without the level, which depends on creep as well, and with it
-        few = dict.fromkeys((starts[0], *starts[-2:]))
-        scatter = min(error(memory, s, free=True) for s in few)
+        few: tuple[Start, ...] = (starts[0], *starts[-2:])
+        scatter = min(error(memory, s, free=True) for s in dict.fromkeys(few))
         return scatter, min(error(memory, s, free=is_free) for s in starts)
 
     is_free = model.zero != "one"

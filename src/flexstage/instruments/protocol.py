@@ -189,6 +189,7 @@ class MotionAxis(Protocol):
 
     def reference(self) -> None:
         """Move to a reference switch if it is not referenced yet; otherwise do nothing."""
+        return
 
     def set_voltage(self, voltage: float) -> None:
         """Set the voltage [V] in open loop, as a ramp if a step would exceed the slew limit."""

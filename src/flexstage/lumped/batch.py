@@ -305,7 +305,7 @@ def system_tangents(tangents: StageTangents) -> tuple[SystemBatch, SystemBatch]:
     step = 1e-30  # nothing is subtracted: the smaller, the nearer
     changed = {name: x + 1j * step * getattr(d, name) for name, x in arrays_of(a).items()}
     batch, beside = assemble_batch(a), assemble_batch(replace(a, **changed))
-    slopes = {name: x.imag / step for name, x in arrays_of(beside).items()}
+    slopes: dict[str, Any] = {name: x.imag / step for name, x in arrays_of(beside).items()}
     slopes["stiffness"] = np.broadcast_to(
         slopes["stiffness"], (count, *slopes["stiffness"].shape[1:])
     )

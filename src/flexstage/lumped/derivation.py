@@ -1,15 +1,12 @@
 """The equations of a stage: derivation, reduction, transfer functions, and their sheet."""
 
-# SymPy's own annotations are partial and contradict what its functions return.
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
-# pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import sympy as sp
 
+from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.lumped.latex import Formula, Item, Paragraph, SheetSection, Tabular, sheet_data
 from flexstage.lumped.reduction import (
@@ -479,7 +476,7 @@ def _values(model: SymbolicModel) -> SheetSection:
     )
 
 
-def _polynomial(coefficients: Sequence[float], s: sp.Symbol) -> sp.Expr:
+def _polynomial(coefficients: Array, s: sp.Symbol) -> sp.Expr:
     degree = len(coefficients) - 1
     return sp.Add(
         *(sp.Float(float(c), 8) * s ** (degree - i) for i, c in enumerate(coefficients) if c),

@@ -1,9 +1,5 @@
 """Elements of a sheet of equations, and their output as LaTeX, plain text, MathML or plain data."""
 
-# SymPy's own annotations are partial and contradict what its functions return.
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
-# pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
-
 import html
 import re
 from collections.abc import Sequence

@@ -225,12 +225,13 @@ class Leaves:
         reach = np.abs(x) / np.stack((length, length, np.ones_like(length)), axis=-1)
         least = max(1, math.ceil(float(np.max(reach)) / _REACH))
         for count in (least, 4 * least, 16 * least):
-            state: LeafState | None = still
+            state = still
             for part in np.arange(1, count + 1) / count:
                 # what bends by a part is shorter by its square: pressed, it would buckle on the way
-                state = self._newton(state, x * [part**2, part, part])
-                if state is None:
+                nearer = self._newton(state, x * [part**2, part, part])
+                if nearer is None:
                     break
+                state = nearer
             else:
                 return state
         raise ConvergenceError(

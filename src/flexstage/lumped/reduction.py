@@ -12,10 +12,6 @@ With Rayleigh damping :math:`A = aM + bK`, :math:`a = s^2+\alpha s`, :math:`b = 
 determinants are those of the undamped stage with :math:`s^2` replaced.
 """
 
-# SymPy's own annotations are partial and contradict what its functions return.
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
-# pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
-
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -168,7 +164,7 @@ def reduce_by_symmetry(
         if drive is None and not model.drives:
             raise ModelError(f"stage '{model.name}' has no drive: give the parity, 1 or -1")
         vector = model.numbers(model.drive(drive or model.drives[0].name).vector)[:, 0]
-        parity = _parity(symmetry, vector)
+        parity = _parity(symmetry.image, vector)
         if parity == 0:
             raise ModelError(
                 f"drive '{drive or model.drives[0].name}' is neither symmetric nor antisymmetric "
@@ -176,11 +172,12 @@ def reduce_by_symmetry(
             )
     elif parity not in (1, -1):
         raise ModelError(f"parity is 1 for symmetric or -1 for antisymmetric, got {parity!r}")
+    image = symmetry.image
     columns, names = [], []
     n = model.order
     for k in range(n):
-        j = int(np.flatnonzero(symmetry.image[:, k])[0])
-        sign = parity * int(symmetry.image[j, k])
+        j = int(np.flatnonzero(image[:, k])[0])
+        sign = parity * int(image[j, k])
         if j == k and sign == 1:
             columns.append({k: 1})
         elif j > k:
@@ -197,7 +194,7 @@ def reduce_by_symmetry(
         return tuple(
             replace(p, vector=sp.ImmutableMatrix((basis.T * p.vector).applyfunc(sp.expand)))
             for p in ports
-            if _parity(symmetry, model.numbers(p.vector)[:, 0]) == parity
+            if _parity(image, model.numbers(p.vector)[:, 0]) == parity
         )
 
     kind = "symmetric" if parity == 1 else "antisymmetric"
@@ -253,7 +250,7 @@ def condense(model: SymbolicModel) -> ReducedModel:
         between = w.T @ flexible
     except np.linalg.LinAlgError as error:
         raise ModelError("the stage can move without deforming a hinge") from error
-    basis = np.linalg.solve(between.T, flexible.T).T
+    basis = np.asarray(np.linalg.solve(between.T, flexible.T).T, dtype=float)
     kinds = {"d": "drive ", "p": "probe "}
     how = "static condensation to " + ", ".join(
         kinds[x.name[0]] + x.name.split("mathrm{")[-1].rstrip("}").replace(r"\_", "_")
@@ -307,10 +304,10 @@ def _masters(model: SymbolicModel) -> list[tuple[sp.Symbol, Array]]:
     return [out[k] for k in independent]
 
 
-def _parity(mirror: Mirror, vector: Array) -> int:
+def _parity(image: NDArray[np.int64], vector: Array) -> int:
     near = 1e-9 * float(np.abs(vector).max(initial=0.0))
     for parity in (1, -1):
-        if np.all(np.abs(mirror.image @ vector - parity * vector) <= near):
+        if np.all(np.abs(image @ vector - parity * vector) <= near):
             return parity
     return 0
 

@@ -257,12 +257,11 @@ class StageTangents:
             parts = [(len(t.names), getattr(t.slopes, field)) for t in every]
             return np.concatenate([np.broadcast_to(x, (n, *x.shape[1:])) for n, x in parts])
 
+        columns: dict[str, Any] = {field: column(field) for field in arrays_of(self.slopes)}
         return StageTangents(
             names=tuple(name for t in every for name in t.names),
             arrays=self.arrays,
-            slopes=replace(
-                self.slopes, **{field: column(field) for field in arrays_of(self.slopes)}
-            ),
+            slopes=replace(self.slopes, **columns),
         )
 
 
@@ -350,7 +349,7 @@ def parameter_tangents(
         return fields
 
     values_around, weights = _around(values, order)
-    slopes = {}
+    slopes: dict[str, Any] = {}
     for field in values_around[0]:
         with np.errstate(invalid="ignore"):
             parts = zip(weights, (part[field] for part in values_around), strict=True)

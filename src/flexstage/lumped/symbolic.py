@@ -10,10 +10,6 @@ Bodies of one mass, hinges of one stiffness, lever arms of one length share thei
 a symmetric stage has symmetric equations and a table of constants that can be read.
 """
 
-# SymPy's own annotations are partial and contradict what its functions return.
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
-# pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
-
 from dataclasses import dataclass, replace
 from typing import ClassVar
 

@@ -6,10 +6,6 @@ coordinates in derivatives of a sum over all hinges. A hinge touches six coordin
 with its own constants put in.
 """
 
-# SymPy's own annotations are partial and contradict what its functions return.
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
-# pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
-
 import math
 import re
 from collections.abc import Mapping

@@ -127,7 +127,7 @@ def _of(
             )
         )
     parts += [_shifted(m.mass, m.at, m.inertia, (ox, oy)) for m in body.extra_masses]
-    mass, first_x, first_y, polar = map(sum, zip(*parts, strict=True))
+    mass, first_x, first_y, polar = (sum(column) for column in zip(*parts, strict=True))
     x, y = first_x / mass, first_y / mass
     return MassProperties(mass=mass, centre=(ox + x, oy + y), inertia=polar - mass * (x**2 + y**2))
 

@@ -7,7 +7,7 @@ legs of the stage with which it is compared.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -344,7 +344,7 @@ def traditional_axes(
 
     The base of a double parallelogram encloses its platform, so that two cannot be side by side.
     """
-    plate = {"thickness": stage.thickness, "material": stage.material}
+    plate: dict[str, Any] = {"thickness": stage.thickness, "material": stage.material}
     single, double = (
         single_axis_guides(stage, guide, travel)
         for guide in ("parallelogram", "double-parallelogram")
@@ -353,7 +353,7 @@ def traditional_axes(
         ("stacked parallelograms", single),
         ("stacked double parallelograms", double),
     ):
-        stack = StackedXYParameters(**guides, **plate)
+        stack = StackedXYParameters(x=guides["x"], y=guides["y"], **plate)
         lower, upper = plates(stack)
         low, high = stack.heights
         yield (
@@ -365,7 +365,7 @@ def traditional_axes(
                 ),
             },
         )
-    pair = side_by_side_xy(SideBySideXYParameters(**single, **plate))
+    pair = side_by_side_xy(SideBySideXYParameters(x=single["x"], y=single["y"], **plate))
     yield (
         "parallelograms side by side",
         {

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexstage.base.errors import ModelError
 from flexstage.stage.assumptions import AMPLIFIER_CURRENT, VOLTAGE_RANGE
-from flexstage.stage.drive import PiezoStack
+from flexstage.stage.drive import Drive, PiezoStack
 from flexstage.stage.model import Stage
 from flexstage.stage.stack_supply import StackSupply
 from flexstage.studies.requests import StackOptions
@@ -58,7 +58,7 @@ def heated_by_stacks(stage: Stage, options: StackOptions) -> Stage:
     ModelError
         The rate is natural, which is known only after the analysis.
     """
-    drives = []
+    drives: list[Drive] = []
     lossy = options.rate is not None and options.loss_factor is not None
     for drive in stage.drives:
         if lossy and isinstance(drive, PiezoStack) and drive.heat and drive.heat.power is None:

@@ -165,7 +165,7 @@ class Study(Result):
         used = settings.get("plane", "")
         return hinge_springs(
             self.stage,
-            method=settings.get("method", "wedge"),  # type: ignore[arg-type]
+            method=settings.get("method", "wedge"),
             plane=used if used in ("stress", "strain") else "auto",
         )
 

@@ -426,7 +426,8 @@ def transient_rows(
     if why_no_transient(stage, system):
         return
     result, port = thermal_transient(stage, system), system.probe(probe)
-    conditions, period = _conditions(stage), stage.bench and stage.bench.period
+    conditions, bench = _conditions(stage), stage.bench
+    period = None if bench is None else bench.period
     if port.unit == "m":
         reading = result.readings[probe]
         yield "drift_in_time", *_largest(result.time, reading, conditions, period)

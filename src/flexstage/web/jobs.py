@@ -176,7 +176,8 @@ class Jobs:
         reusable = False
         try:
             worker.connection.send((function, arguments))
-            kind, payload = "progress", ["", 0.0]
+            kind = "progress"
+            payload: list[Any] = ["", 0.0]
             while kind in ("progress", "partial"):
                 job._update(*payload) if kind == "progress" else job.partial_results.append(
                     payload[0]

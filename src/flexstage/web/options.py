@@ -119,7 +119,8 @@ class PanelOptions(ServeRequest):
             if not file.is_file():
                 raise ModelError(f"there is no file '{file}': TLS needs its certificate and key")
         values: dict[str, Any] = {n: getattr(request, n) for n in request_fields(ServeRequest)}
-        return cls(**{**values, "folder": request.folder.absolute()})
+        values["folder"] = request.folder.absolute()
+        return cls(**values)
 
     @property
     def is_loopback(self) -> bool:

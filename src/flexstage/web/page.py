@@ -59,9 +59,11 @@ class Page:
     def __post_init__(self) -> None:
         self.client.on_delete(self.leave)
 
-    def begin(self, work: Coroutine[Any, Any, None]) -> None:
+    def begin(self, work: Callable[..., Coroutine[Any, Any, None]], *arguments: object) -> None:
         """Start a task of the open view; it is cancelled with the view."""
-        task = background_tasks.create(work, name=work.__qualname__, context=self.client)
+        task = background_tasks.create(
+            work(*arguments), name=work.__qualname__, context=self.client
+        )
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 

@@ -395,7 +395,7 @@ def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> 
             records,
             test.columns.input,
             list(test.columns.output),
-            excitation=test.excitation,  # type: ignore[arg-type]
+            excitation=test.excitation,
         )
         responses, added = [estimate.response], estimate.added_damping_rate
         notes = estimate.notes

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -261,7 +262,7 @@ def _measured(figures: Positioning, sensor: SensorSpecification) -> Positioning:
     travel = Estimate(value=float(np.ptp(figures.target)), unit=figures.unit)
     role = "length" if figures.unit == "m" else "angle"
     over_travel = measured(travel, sensor, role=role).components
-    totals = {}
+    totals: dict[str, Any] = {}
     for field in fields(figures):
         estimate = getattr(figures, field.name)
         if isinstance(estimate, Estimate):

@@ -211,7 +211,7 @@ def _words(
 @contextlib.contextmanager
 def _fixed_dates() -> Iterator[None]:
     """Suppress time and random identifiers of the library in the file."""
-    from ezdxf import options  # pyright: ignore[reportPrivateImportUsage]
+    from ezdxf import options
 
     before = options.write_fixed_meta_data_for_testing
     options.write_fixed_meta_data_for_testing = True

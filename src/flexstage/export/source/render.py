@@ -315,6 +315,6 @@ def _sensor_parameters(i: int, p: ModelProbe, sensor: Sensor) -> list[CVariable]
         ("mains_frequency_hz", "Hz", sensor.mains_frequency_hz, "frequency of the mains"),
         ("mains_phase", "rad", sensor.mains_phase, "phase of the mains at the first sample"),
     )
-    rows = [(*row, row[0], row[0] == "bandwidth_hz") for row in numbers]
+    rows = [(n, unit, start, what, n, n == "bandwidth_hz") for n, unit, start, what in numbers]
     of = f"the sensor of probe {p.name}"
     return _parameters(f"sensor.{p.name}", of, f"s->sensor[{i}]", rows)

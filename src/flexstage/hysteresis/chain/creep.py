@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,8 +38,11 @@ class Creep(ChainElement):
 
     __slots__ = ()
 
-    #: Mean rise after a step in each decade of time, over the step [1].
-    rate_per_decade: float
+    if TYPE_CHECKING:
+
+        @property
+        def rate_per_decade(self) -> float:
+            """Mean rise after a step in each decade of time, over the step [1]."""
 
     @property
     @abstractmethod
@@ -282,7 +285,7 @@ class CreepSpectrum(Creep):
         return np.array(self.times)
 
     @property
-    def rate_per_decade(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def rate_per_decade(self) -> float:
         """Mean rise after a step in a decade of time, over the step [1]."""
         return sum(self.weights) / (1.0 + math.log10(self.times[-1] / self.times[0]))
 

@@ -275,11 +275,11 @@ def find_starts(
         if rms < _BETTER * least:
             best, least, values = of_each(start), rms, trial_chain
     # a start is possible by either residual: offsets may differ for an unknown reason
-    least_of = [min(trial[k] for trial in trials) for k in (0, 1)]
+    least_free, least_common = min(t[0] for t in trials), min(t[1] for t in trials)
     width = max(
         abs(trial_chain.creep_per_decade - values.creep_per_decade)
-        for *both, trial_chain in trials
-        if any(rms <= _POSSIBLE * smallest for rms, smallest in zip(both, least_of, strict=True))
+        for free, offset, trial_chain in trials
+        if free <= _POSSIBLE * least_free or offset <= _POSSIBLE * least_common
     )
     if count > 1 and values.creep_per_decade > 0.0:
         for i in range(count):
@@ -367,14 +367,15 @@ def _spectrum_starts(
         )
         trial = fit.with_starts(starts)
         chain, _ = trial.best(np.array([delay]))
-        trials.append((*trial.squares(chain), starts))
+        trials.append((trial.squares(chain), starts))
     # the records have a common offset if some start makes it likely
-    common = int(min(t[1] for t in trials) <= _COMMON_OFFSET**2 * min(t[0] for t in trials))
-    best = trials[0]
-    for trial in trials[1:]:
-        if trial[common] < _BETTER**2 * best[common]:
-            best = trial
-    return fit.with_starts(best[2]), best[2]
+    free, offset = (min(squares[k] for squares, _ in trials) for k in (0, 1))
+    common = int(offset <= _COMMON_OFFSET**2 * free)
+    best, starts = trials[0]
+    for squares, trial_starts in trials[1:]:
+        if squares[common] < _BETTER**2 * best[common]:
+            best, starts = squares, trial_starts
+    return fit.with_starts(starts), starts
 
 
 def _with_delay(

@@ -313,7 +313,8 @@ def _before(best: FittedModel, data: FitData) -> tuple[float, float, tuple[Start
         return 0.0, 0.0, (assumed,)
     quasi = [best.fit.model.simulate(s.u).values[:, None] for s in sections]
     outputs: dict[Start, list[Array]] = {}
-    for start in dict.fromkeys((assumed, "rested", 0.0, math.inf)):
+    starts: tuple[Start, ...] = (assumed, "rested", 0.0, math.inf)
+    for start in dict.fromkeys(starts):
         shifted = tuple(s if s.periodic else replace(s, start=start) for s in sections)
         with_start = replace(data, sections=shifted)
         outputs[start] = [c[:, 0] for c in behind_chain(quasi, with_start)]

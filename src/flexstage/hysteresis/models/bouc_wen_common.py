@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,7 +51,11 @@ class BoucWenModel(HysteresisModel):
     #: Symbol of the hysteretic displacement, and name of its slope at zero.
     hysteretic: ClassVar[tuple[str, str]] = ("h", "hysteresis_gain")
 
-    exponent: float
+    if TYPE_CHECKING:
+
+        @property
+        def exponent(self) -> float:
+            """How sharply h turns into saturation."""
 
     @abstractmethod
     def _compiled(self) -> tuple[Array, Array]:

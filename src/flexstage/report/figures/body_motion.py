@@ -213,7 +213,7 @@ def _colour_bar(figure: "Figure", axes: "Axes", largest: float) -> None:
     bar = figure.colorbar(scale, ax=axes, shrink=0.7, aspect=28, pad=0.02)
     bar.set_label("displacement [µm]", color=INK, fontsize=8)
     bar.ax.tick_params(color=MUTED, labelcolor=INK, labelsize=8)
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)
 
 
 # smaller motions are rounding of the solution [m, rad]

@@ -123,6 +123,7 @@ def _density(propagated: Propagated, x: Array) -> Array:
 
 def _budget(axes: "Axes", propagated: Propagated) -> None:
     ranked = sorted(propagated.lines, key=lambda line: -abs(line.share))
+    bars: list[tuple[str, float, str]]
     bars = [(line.name, 100.0 * line.share, line.kind) for line in ranked[:_BARS]]
     if len(ranked) > _BARS:
         others = 100.0 * sum(line.share for line in ranked[_BARS:])

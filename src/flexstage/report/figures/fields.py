@@ -105,8 +105,8 @@ def trace(axes: "Axes", points: Array, loops: Loops, **look: Any) -> None:
     """Draw closed lines of corners [m], shape (n, 2), within the limits of the axes."""
     from matplotlib.collections import LineCollection
 
-    lines = _lines(axes, points * MM, loops)
-    axes.add_collection(LineCollection(lines, **({"linewidths": 0.4, "colors": INK} | look)))
+    style: dict[str, Any] = {"linewidths": 0.4, "colors": INK} | look
+    axes.add_collection(LineCollection(_lines(axes, points * MM, loops), **style))
 
 
 def _lines(axes: "Axes", mm: Array, loops: Loops) -> list[Array]:
@@ -191,7 +191,7 @@ def add_bar(axes: "Axes", bands: Bands, label: str) -> None:
     bar.minorticks_off()
     axes.tick_params(color=MUTED, labelcolor=INK, labelsize=8)
     axes.set_facecolor(BODY)  # below the first colour
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)
 
 
 _SIZE, _LIFT = "displacement / largest [1]", "displacement out of plane / largest [1]"

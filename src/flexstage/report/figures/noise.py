@@ -1,6 +1,6 @@
 """Noise at a constant command, staircases of small steps, and loops that reject disturbances."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -109,7 +109,7 @@ def draw_loops(design: ResponseDesign) -> "Figure":
     figure, (size, nyquist, sensitivity) = panels(12.4, 3.9, 3, 3)
     for member in sorted(design.members, key=lambda m: m.measured):
         f, loop = member.frequency_hz, design.loop_gain(member)
-        look = {"color": CYCLE[0] if member.measured else MUTED, "linewidth": 1.2}
+        look: dict[str, Any] = {"color": CYCLE[0] if member.measured else MUTED, "linewidth": 1.2}
         look |= {} if member.measured else {"linewidth": 0.4, "alpha": 0.5}
         size.loglog(f, np.abs(loop), **look)
         nyquist.plot(loop.real, loop.imag, **look)

@@ -115,7 +115,7 @@ def _curves(sweep: Sweep) -> "Drawing":
         y = sweep.values[order, k] * quantity.factor
         for low, high in gaps:
             axes.axvspan(low, high, facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0)
-        marks = {"marker": "o", "markersize": 2.6} if len(x) <= 60 else {}
+        marks: dict[str, Any] = {"marker": "o", "markersize": 2.6} if len(x) <= 60 else {}
         axes.plot(x, y, color=CYCLE[0], linewidth=1.3, **marks)
         usual = variable.usual * variable.factor
         if _includes_nominal(variable):

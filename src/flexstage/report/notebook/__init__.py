@@ -25,6 +25,6 @@ if TYPE_CHECKING:
     from flexstage.report.notebook.show import read as read
     from flexstage.stage.designs.registry import design as design
 
-__all__ = list(names_for_types(__name__))  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = list(names_for_types(__name__))
 
 import_on_use(__name__)

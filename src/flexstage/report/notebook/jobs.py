@@ -295,10 +295,9 @@ def study(
     return StageStudy(request=result.request, study=result)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class StageComparison(Comparison):
     """A comparison of stages, for a notebook."""
-
-    __slots__ = ()
 
     def _repr_html_(self) -> str:
         return table_html(self.table())

@@ -3,7 +3,7 @@
 import os
 import typing
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from flexstage.base.errors import HingeError
@@ -80,10 +80,9 @@ def headline(figures: Characteristics) -> list[str]:
     return lines
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class HingeResult(HingeFigures):
     """Results of every method for a notch, for a notebook."""
-
-    __slots__ = ()
 
     def _repr_html_(self) -> str:
         rows = [

@@ -231,7 +231,7 @@ def _named_bodies(
             )
         )
     fixed_bodies = _fixed_bodies(bodies, drawn_bodies, order, o, sheet)
-    others = {}
+    others: dict[int, tuple[Material | None, bool]] = {}
     for option in o.body:
         point, _, rest = option.partition(":")
         words = [w.strip() for w in rest.split(",")]
@@ -248,7 +248,7 @@ def _named_bodies(
                 f"'{option}' names a body twice, which another point lies on: give its material "
                 'and "rigid" with one point'
             )
-        others[n] = {"material": body_material, "rigid": "rigid" in words}
+        others[n] = (body_material, "rigid" in words)
     renamed, number = [], 0
     for n, body in enumerate(bodies):
         if n in fixed_bodies:
@@ -258,6 +258,7 @@ def _named_bodies(
         else:
             number += 1
             name = f"body-{number}"
+        body_material, rigid = others.get(n, (None, False))
         renamed.append(
             Body(
                 name=name,
@@ -265,7 +266,8 @@ def _named_bodies(
                 holes=body.holes,
                 mounting_holes=body.mounting_holes,
                 fixed=n in fixed_bodies,
-                **others.get(n, {}),
+                material=body_material,
+                rigid=rigid,
             )
         )
     place = [0] * len(drawn_bodies)

@@ -118,7 +118,7 @@ def drives_of(
     """Return the drives, each with whether its actuator is only assumed."""
     arrows = [*arrows_on(sheet, DRIVES_LAYER)]
     arrows += [arrow_of(text, "--drive", sheet.unit) for text in texts]
-    drives = []
+    drives: list[tuple[Drive, bool]] = []
     for arrow in arrows:
         reacts, start = at.edge(bodies, arrow.start, f"drive '{arrow.name}' reacts on")
         pushes, end = at.edge(bodies, arrow.end, f"drive '{arrow.name}' pushes")

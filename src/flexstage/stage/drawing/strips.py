@@ -165,10 +165,11 @@ def _following(
     strip: _Strip, limit: float | None, visited: set[frozenset[tuple[int, int]]]
 ) -> Iterator[_Strip]:
     """Yield the strips that follow ahead, around corners."""
-    current: _Strip | None = strip
-    while (current := _next(current, limit)) is not None and current.key not in visited:
-        visited.add(current.key)
-        yield current
+    following = _next(strip, limit)
+    while following is not None and following.key not in visited:
+        visited.add(following.key)
+        yield following
+        following = _next(following, limit)
 
 
 def _next(strip: _Strip, limit: float | None) -> _Strip | None:

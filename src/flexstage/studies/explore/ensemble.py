@@ -242,8 +242,7 @@ def _ranges(middle: float, spread: float, of_members: Array, before: float = 1.0
             ends, by = of_them, "ensemble"
     median, low, high = ends
     return _Ranges(
-        **{"median": median, "low": low, "high": high, "by": by},
-        **{"before": before, "laplace": spread, "ensemble": deviation},
+        median=median, low=low, high=high, by=by, before=before, laplace=spread, ensemble=deviation
     )
 
 

@@ -1,6 +1,7 @@
 """Forms of the runs at the bench: a waveform, a record, a plan."""
 
 import asyncio
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ _RECORDS = (".csv", ".txt", ".npz", ".h5", ".mat", ".tdms")
 _FIELD = "dense outlined"
 
 
-class RunForm:
+class RunForm(ABC):
     """Base class of the forms of runs.
 
     Parameters
@@ -58,6 +59,10 @@ class RunForm:
         self._page, self._bench, self._show = page, bench, show
         self._forms = page.session.state(BenchForms)
         self._start: ui.button | None = None
+
+    @abstractmethod
+    def build(self) -> None:
+        """Build the form."""
 
     def look(self) -> None:
         """Update the form: only the browser in control can start a run."""

@@ -212,8 +212,7 @@ class CentringState:
     def use_columns(self, likely: LikelyTurn) -> None:
         """Use the likely columns of the first record."""
         self.columns = likely.columns
-        self.request = replace(
-            self.request,
+        self.ask(
             angle=likely.angle,
             unit=None if likely.has_units else "deg",
             **{self.column_kind: likely.errors},

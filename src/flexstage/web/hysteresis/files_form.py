@@ -297,7 +297,7 @@ class FilesForm:
             return
         if is_fast:
             self._task.stop()
-            self._page.begin(self._look(selection, key))
+            self._page.begin(self._look, selection, key)
         else:
             self._task.start(f"reading {', '.join(selection.names)}", preview_files, selection, key)
 

@@ -311,7 +311,7 @@ class DesignView:
         self._dirty = True
         if not self._follows:
             self._follows = True
-            self._page.begin(self._follow())
+            self._page.begin(self._follow)
 
     def _opened(self) -> None:
         self._sliders.build()

@@ -79,7 +79,7 @@ class ExploreView:
         self._form.clear()
         with self._form:
             ui.label("Analysing the stage …").classes("muted").props('role="status"')
-        self._page.begin(self._read(variant))
+        self._page.begin(self._read, variant)
 
     async def _read(self, variant: Variant) -> None:
         try:
@@ -166,7 +166,7 @@ class ExploreView:
             kind = KINDS[self._state.kind].casefold()
             ui.label(f"No results yet. Defaults are filled in; press Run {kind}.").classes("muted")
             drawing = picture("")
-        self._page.begin(self._draw(drawing))
+        self._page.begin(self._draw, drawing)
 
     async def _draw(self, drawing: ui.html) -> None:
         """Draw the open stage, as there are no results yet."""
