@@ -14,15 +14,15 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 
 from flexstage.base.errors import ModelError, StageError
 from flexstage.control.dynamic_budget import DynamicBudget, dynamic_budget
-from flexstage.control.environment import (
+from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
+from flexstage.system import MechanicalSystem, ModalDamping, modes
+from flexstage.system.environment import (
     Environment,
     PositionLoop,
     environment_from_text,
     read_environment,
 )
-from flexstage.lumped import lumped_system
-from flexstage.stage.designs import design
-from flexstage.system import MechanicalSystem, ModalDamping, modes
 from flexstage.system.mechanical import (
     STANDARD_GRAVITY,
     AxisPort,

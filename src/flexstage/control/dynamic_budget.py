@@ -28,8 +28,12 @@ import numpy as np
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError
 from flexstage.control.design import tune_plant
-from flexstage.control.environment import (
-    BodyForce,
+from flexstage.control.loop_plant import LoopPlant, Margins, loop_margins
+from flexstage.files.plain import picked, plain
+from flexstage.files.result import Result
+from flexstage.hysteresis import StageModes
+from flexstage.stage import PiezoStack, Stage
+from flexstage.system.environment import (
     DriveVoltage,
     Environment,
     GroundMotion,
@@ -41,11 +45,6 @@ from flexstage.control.environment import (
     integral_loop,
     read_loop,
 )
-from flexstage.control.loop_plant import LoopPlant, Margins, loop_margins
-from flexstage.files.plain import picked, plain
-from flexstage.files.result import Result
-from flexstage.hysteresis import StageModes
-from flexstage.stage import PiezoStack, Stage
 from flexstage.system.figure_source import Key
 from flexstage.system.mechanical import (
     Damping,
@@ -645,9 +644,8 @@ def _responder(setup: _Setup, every: Modes) -> Callable[[Array], Complex]:
         response = modal_response(every, readers, np.array(forces), f)
         omega = 2.0j * np.pi * f
         for k, source in grounds:
-            unit = source.spectrum.unit
             # a motion of the ground is an acceleration of the base
-            powers = 0 if unit.endswith("/s^2") else 1 if unit.endswith("/s") else 2
+            powers = source.derivatives
             response[:, k] *= omega**powers
             for j in range(len(setup.points)):
                 response[j, k] += carried.get((j, k), 0.0) * omega ** (powers - 2)
@@ -692,14 +690,6 @@ def _reader(system: MechanicalSystem, point: Point) -> Array:
 
 def _force(setup: _Setup, source: NoiseSource) -> Array:
     """Return the force on each coordinate for a unit of a source; none of a sensor."""
-    system = setup.system
-    if isinstance(source, GroundMotion):
-        return -system.base_force(source.along, "in place")
-    if isinstance(source, BodyForce):
-        force = system.body(source.body).matrix["xy".index(source.along)]
-        if not np.any(force):
-            raise ModelError(f"source '{source.name}': body '{source.body}' is fixed: name another")
-        return force
     if isinstance(source, DriveVoltage):
         return setup.force_of_voltage(source.drive)
-    return np.zeros(system.order)
+    return source.force(setup.system)

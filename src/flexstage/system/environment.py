@@ -31,7 +31,7 @@ from flexstage.quantities.units import Time, parse, si_unit
 from flexstage.records.read_options import TextLayout
 from flexstage.records.text import read_text
 from flexstage.stage import Stage
-from flexstage.system.mechanical import STANDARD_GRAVITY, GroundDirection
+from flexstage.system.mechanical import STANDARD_GRAVITY, GroundDirection, MechanicalSystem
 from flexstage.system.servo import Notch, ServoSettings
 
 #: Whether a density counts positive frequencies alone, or negative ones as well.
@@ -435,6 +435,13 @@ class NoiseSource:
         """Return the SI units that its spectrum may have."""
         return self.units
 
+    def force(self, system: MechanicalSystem) -> Array:
+        """Return the force on each coordinate for a unit of it, drives in place, shape (n,).
+
+        Of the ground it is that for a unit of its acceleration; zero of sensors and voltages.
+        """
+        return np.zeros(system.order)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundMotion(NoiseSource):
@@ -448,6 +455,15 @@ class GroundMotion(NoiseSource):
         # no unit of rad/s^2 is known
         return ("rad", "rad/s") if self.along == "rotation" else ("m", "m/s", "m/s^2")
 
+    @property
+    def derivatives(self) -> int:
+        """Number of derivatives from its spectrum to an acceleration."""
+        unit = self.spectrum.unit
+        return 0 if unit.endswith("/s^2") else 1 if unit.endswith("/s") else 2
+
+    def force(self, system: MechanicalSystem) -> Array:
+        return -system.base_force(self.along, "in place")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyForce(NoiseSource):
@@ -459,6 +475,12 @@ class BodyForce(NoiseSource):
     """The body."""
     along: Literal["x", "y"]
     """Its direction."""
+
+    def force(self, system: MechanicalSystem) -> Array:
+        force = system.body(self.body).matrix["xy".index(self.along)]
+        if not np.any(force):
+            raise ModelError(f"source '{self.name}': body '{self.body}' is fixed: name another")
+        return force
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
