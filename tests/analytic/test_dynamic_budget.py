@@ -403,6 +403,72 @@ def test_an_exposure_averages_what_is_faster() -> None:
     assert budget.bands == ((1.0, 10.0), (10.0, 100.0), (100.0, 1000.0))
 
 
+def test_largest_value_and_scatter_of_drawn_records() -> None:
+    f0, zeta, duration, records, rate = 100.0, 0.3, 10.0, 100, 4e3
+    system = one_mass(omega=2.0 * math.pi * f0, zeta=zeta)
+    made = environment(f"kind: force, body: PY, along: x, {white('2 mN/rtHz')}")
+    budget = budget_of(system, made).budget()
+    # under white noise the mean square of the speed is that of the motion by the square of omega
+    assert budget.moment(2) == pytest.approx((2.0 * math.pi * f0 * budget.total) ** 2, rel=0.01)
+    # a of 2000 peaks of both signs
+    a = math.sqrt(2.0 * math.log(2.0 * f0 * duration))
+    assert budget.peak(duration) / budget.total == pytest.approx(a + 0.57722 / a, rel=1e-3)
+    size = round(records * duration * rate)
+    f = np.fft.rfftfreq(size, 1.0 / rate)
+    omega, own = 2.0 * np.pi * f, 2.0 * np.pi * f0
+    response = 2e-3 / MASS / np.abs(own**2 - omega**2 + 2j * zeta * own * omega)
+    draw = np.random.default_rng(4).standard_normal((2, f.size))
+    spectrum = np.sqrt(0.25 * rate * size) * response * (draw[0] + 1j * draw[1])
+    motion = np.fft.irfft(spectrum, n=size).reshape(records, -1)
+    assert np.abs(motion).max(axis=1).mean() == pytest.approx(budget.peak(duration), rel=0.03)
+    rms = motion.std(axis=1)
+    assert rms.std() / budget.total == pytest.approx(budget.spread(duration), rel=0.3)
+    with pytest.raises(ModelError, match="crosses zero 100 times a second, so that"):
+        budget.peak(1e-3)
+
+
+@pytest.mark.parametrize(("noise", "wanted", "reached"), [(0.3, 12.0, True), (3.0, 12.0, False)])
+def test_smallest_bandwidth_for_an_rms(noise: float, wanted: float, reached: bool) -> None:
+    # far below its mode the stage follows the loop: S = s/(s + wc), T = wc/(s + wc)
+    hum, still = 5.0, 100.0
+    system = one_mass(spring=2e5, omega=2.0 * math.pi * 12e3, zeta=0.2)
+    volt = 2e5 * 38e-6 / 120.0 / (MASS * (2.0 * math.pi * 12e3) ** 2)
+    made = environment(
+        "kind: voltage, drive: x, "
+        f"spectrum: {{kind: lines, at: [[{hum} Hz, {1e-9 * still / volt!r} V]]}}",
+        f"kind: sensor, {white(f'{noise} nm/rtHz')}",
+        band="[0.01 Hz, 2 kHz]",
+    )
+    result = dynamic_budget(PIEZO, system, made, ["20 Hz"], wanted_rms=1e-9 * wanted)
+    found = result.required
+    assert found is not None
+    assert result.budget("open").total == pytest.approx(1e-9 * still, rel=1e-5)
+    fc = np.geomspace(1.0, 400.0, 100_001)
+    rms = np.sqrt(still**2 * hum**2 / (hum**2 + fc**2) + 0.5 * np.pi * fc * noise**2)
+    assert 1e9 * found.least == pytest.approx(rms.min(), rel=0.05)
+    assert found.least_bandwidth_hz == pytest.approx(fc[np.argmin(rms)], rel=0.1)
+    if reached:
+        assert found.bandwidth_hz == pytest.approx(fc[np.argmax(rms <= wanted)], rel=0.05)
+    else:
+        assert rms.min() > wanted
+        assert found.bandwidth_hz is None
+        assert found.sentence.startswith("the noise of the sensor forbids less: 6")
+    assert result.to_dict()["required"]["least"] == found.least
+    with pytest.raises(ModelError, match="a required rms needs a loop"):
+        dynamic_budget(PIEZO, system, made, wanted_rms=1e-9)
+
+
+def test_what_forbids_a_smaller_rms_is_named() -> None:
+    made = environment_from_text(ENVIRONMENT)
+    notched = dynamic_budget(
+        PIEZO, lumped_system(PIEZO), made, ["100 Hz"], wanted_rms=3e-9
+    ).required
+    assert notched is not None
+    # an integral loop and a notch do nothing about the mode
+    assert (notched.bandwidth_hz, notched.least_bandwidth_hz) == (None, 0.0)
+    assert notched.sentence.startswith("the mode at 910.3 Hz forbids less: 9")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -18,7 +18,7 @@ from flexstage.studies.requests import BudgetRequest
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.control.dynamic_budget import DynamicBudget, PointBudget
+    from flexstage.control.dynamic_budget import DynamicBudget, PointBudget, RequiredBandwidth
 
 
 @from_docstring
@@ -55,6 +55,21 @@ def print_budget(screen: "Console", result: "DynamicBudget") -> None:
     """Print the tables of a budget, by point of interest."""
     for point in dict.fromkeys(b.point for b in result.budgets):
         _print_point(screen, result, [b for b in result.budgets if b.point == point])
+    if result.required is not None:
+        _print_required(screen, result.required)
+
+
+def _print_required(screen: "Console", required: "RequiredBandwidth") -> None:
+    from flexstage.quantities.quantity import number
+
+    bandwidth = "none" if required.bandwidth_hz is None else number(required.bandwidth_hz, 3)
+    least = number(1e9 * required.least, 3), number(required.least_bandwidth_hz, 3)
+    print_table(
+        screen,
+        f"{required.point} by the gain of loop {required.loop}: {required.sentence}",
+        ("<", "rms, nm", "crossover, Hz"),
+        [("required", number(1e9 * required.rms, 3), bandwidth), ("least", *least)],
+    )
 
 
 def _print_point(screen: "Console", result: "DynamicBudget", budgets: "list[PointBudget]") -> None:
@@ -63,7 +78,7 @@ def _print_point(screen: "Console", result: "DynamicBudget", budgets: "list[Poin
 
     factor, unit = rms_unit(budgets)
     last = budgets[-1]
-    rows = rms_rows(budgets, result.exposure)
+    rows = rms_rows(budgets, result.exposure, result.duration)
     peaks = ["1" if b.margins is None else number(b.margins.sensitivity_peak, 3) for b in budgets]
     rows.append(("largest sensitivity", "1", *peaks))
     caption = f"{result.stage}, {last.point}: rms in {unit}"

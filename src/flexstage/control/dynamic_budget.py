@@ -143,6 +143,46 @@ class PointBudget:
             math.sqrt(sum(float(self.cumulative(s, 1.0 - average)[-1]) for s in self.sources)),
         )
 
+    def moment(self, power: int) -> float:
+        r"""Return a spectral moment, :math:`\int (2\pi f)^n S\,df` [unit^2/s^n], of all sources."""
+        weight = (2.0 * np.pi * self.frequency_hz) ** power
+        return sum(float(self.cumulative(s, weight)[-1]) for s in self.sources)
+
+    def peak(self, duration: float) -> float:
+        r"""Return the expected largest absolute value in a duration T [unit].
+
+        .. math:: \sigma\left(a + \frac{0.5772}{a}\right), \quad a = \sqrt{2\ln(2\nu T)}, \quad
+                  \nu = \frac{1}{2\pi}\sqrt{m_2/m_0}
+
+        with the rate :math:`\nu` of upward crossings of zero (S. O. Rice, Bell Syst. Tech. J. 24
+        (1945) 46) and both signs (A. G. Davenport, Proc. Inst. Civ. Eng. 28 (1964) 187), from
+        memory. Validity: a Gaussian motion of many periods; of one lightly damped mode the peaks
+        come in groups, and it is up to about 10 % too high; too high for lines as well.
+        """
+        variance = self.moment(0)
+        if not variance > 0.0:
+            return 0.0
+        rate = math.sqrt(self.moment(2) / variance) / (2.0 * math.pi)
+        if not rate * duration > 1.0:
+            raise ModelError(
+                f"'{self.point}' crosses zero {rate:.3g} times a second, so that {duration:g} s "
+                "are no period: give a longer duration"
+            )
+        a = math.sqrt(2.0 * math.log(2.0 * rate * duration))
+        return math.sqrt(variance) * (a + float(np.euler_gamma) / a)
+
+    def spread(self, duration: float) -> float:
+        r"""Return the relative standard deviation of the rms of a record of a duration T [1].
+
+        .. math:: \frac{1}{2}\frac{\sqrt{\int S^2\,df/T}}{\int S\,df}
+
+        Validity: Gaussian; a record of many times the decay of the modes; lines do not scatter.
+        """
+        variance = self.moment(0)
+        density = sum(s.density for s in self.sources)
+        squares = float(np.trapezoid(density**2, self.frequency_hz))
+        return 0.5 * math.sqrt(squares / duration) / variance if variance > 0.0 else 0.0
+
     def ranking(self) -> list[tuple[str, float]]:
         """Return what to improve first: change of the total in per cent for one per cent of each.
 
@@ -159,6 +199,26 @@ class PointBudget:
         first, last = math.floor(math.log10(low)) + 1, math.ceil(math.log10(high))
         ends = [low, *(10.0**k for k in range(first, last) if low < 10.0**k < high), high]
         return tuple(itertools.pairwise(ends))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RequiredBandwidth:
+    """Smallest bandwidth of a kind of loop for an rms, by the gain of a loop."""
+
+    loop: str
+    """Loop whose gain is varied."""
+    point: str
+    """Name of the point."""
+    rms: float
+    """Required rms [m]."""
+    bandwidth_hz: float | None
+    """Smallest crossover that reaches it [Hz], 0 without control; None where none does."""
+    least: float
+    """Least rms that the loop reaches [m]."""
+    least_bandwidth_hz: float
+    """Crossover there [Hz], 0 without control."""
+    sentence: str
+    """What forbids a smaller rms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -179,6 +239,10 @@ class DynamicBudget(Result):
     """Budget of each loop at each point."""
     exposure: float | None
     """Exposure [s]."""
+    duration: float | None
+    """Duration of a record [s]."""
+    required: RequiredBandwidth | None
+    """Required bandwidth."""
     notes: tuple[str, ...]
     """Limits of validity, and choices."""
 
@@ -204,6 +268,7 @@ class DynamicBudget(Result):
             "band_hz": list(self.environment.band),
             "rms": rows,
             "totals": [self._total_data(b) for b in self.budgets],
+            **({} if self.required is None else {"required": plain(self.required)}),
             "notes": list(self.notes),
         }
 
@@ -214,6 +279,9 @@ class DynamicBudget(Result):
         if self.exposure is not None:
             average, deviation = b.exposed(self.exposure)
             exposed = {"exposure": self.exposure, "average": average, "deviation": deviation}
+        if self.duration is not None:
+            exposed |= {"duration": self.duration, "peak": b.peak(self.duration)}
+            exposed["rms_spread"] = b.spread(self.duration)
         return {
             **picked(b, "loop", "point", "unit", "rms=total"),
             "margins": plain(b.margins),
@@ -238,6 +306,8 @@ def dynamic_budget(
     *,
     axis: str | None = None,
     exposure: float | None = None,
+    duration: float | None = None,
+    wanted_rms: float | None = None,
 ) -> DynamicBudget:
     r"""Return the dynamic error budget of a stage, its drives in place.
 
@@ -257,6 +327,10 @@ def dynamic_budget(
         The axis under control (default: the first).
     exposure : float, optional
         Exposure for moving average and moving standard deviation [s].
+    duration : float, optional
+        Duration of a record, for its largest value and the scatter of its rms [s].
+    wanted_rms : float, optional
+        Rms at the first point for which the last loop needs a bandwidth [m].
 
     Returns
     -------
@@ -286,6 +360,10 @@ def dynamic_budget(
     names = [OPEN, *(one.loop.name for one in closed if one.loop is not None)]
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise ModelError(f"two loops are named '{twice}', the stage without one '{OPEN}': rename")
+    if wanted_rms is not None and not closed:
+        raise ModelError(
+            "a required rms needs a loop, whose gain is varied: name one, such as 50 Hz"
+        )
     budgets = [budget for one in (setup, *closed) for budget in _budgets(one)]
     return DynamicBudget(
         stage=stage.name,
@@ -294,8 +372,90 @@ def dynamic_budget(
         environment=environment,
         budgets=tuple(budgets),
         exposure=exposure,
+        duration=duration,
+        required=None if wanted_rms is None else required_bandwidth(closed[-1], wanted_rms),
         notes=_notes(setup),
     )
+
+
+def required_bandwidth(setup: "_Setup", target: float) -> RequiredBandwidth:
+    """Return the smallest bandwidth with which a loop of other gains reaches an rms [m].
+
+    Bandwidth is the crossover of the loop, whose filters and notches stay. Gains from a thousandth
+    of the largest stable one are tried on a logarithmic grid, and refined where the rms falls below
+    the required one, or is least.
+
+    Validity: the rms has no narrow dip between two gains of the grid.
+    """
+    from scipy.optimize import brentq, minimize_scalar
+
+    assert setup.loop is not None
+    point = setup.points[0]
+    if (unit := setup.system.probe(point.probe).unit) != "m":
+        raise ModelError(f"point '{point.name}' reads {unit}, and the required rms is a distance")
+    plant, settings = setup.plant(), setup.loop.settings
+    margins = loop_margins(plant, settings)
+    largest = math.log(0.98 * min(margins.gain_margin, 100.0))
+
+    def rms(gain: float) -> float:
+        return float(_totals(_scaled_gain(setup, math.exp(gain)))[0])
+
+    def crossover(gain: float) -> float:
+        scaled = _scaled_gain(setup, math.exp(gain))
+        assert scaled.loop is not None
+        return loop_margins(plant, scaled.loop.settings).crossover_hz
+
+    opened = float(_totals(replace(setup, loop=None))[0])
+    gains = np.linspace(largest - math.log(1000.0), largest, 40)
+    values = np.array([rms(gain) for gain in gains.tolist()])
+    k = int(np.argmin(values))
+    around = gains[[max(k - 1, 0), min(k + 1, gains.size - 1)]].tolist()
+    best = minimize_scalar(rms, bounds=around, method="bounded", options={"xatol": 1e-3})
+    at, least = (float(best.x), float(best.fun)) if best.fun < values[k] else (gains[k], values[k])
+    open_is_best = opened <= least
+    bandwidth = 0.0 if opened <= target else None
+    if bandwidth is None and least <= target:
+        below = values <= target
+        first = int(np.argmax(below)) if below.any() else k
+        low, high = (gains[first - 1], gains[first]) if below.any() else (around[0], at)
+        bandwidth = crossover(
+            float(brentq(lambda gain: rms(gain) - target, low, high, xtol=1e-4))
+            if first else gains[0]
+        )  # fmt: skip
+    reached = replace(setup, loop=None) if open_is_best else _scaled_gain(setup, math.exp(at))
+    return RequiredBandwidth(
+        loop=setup.loop.name,
+        point=point.name,
+        rms=target,
+        bandwidth_hz=bandwidth,
+        least=min(opened, float(least)),
+        least_bandwidth_hz=0.0 if open_is_best else crossover(float(at)),
+        sentence=_limit_sentence(reached, plant),
+    )
+
+
+def _limit_sentence(setup: "_Setup", plant: LoopPlant) -> str:
+    """Return what most of the variance at the first point is from, as a sentence."""
+    budget = _budgets(setup)[0]
+    variance = budget.total**2
+    if not variance > 0.0:
+        return "nothing moves the point"
+    largest = max(budget.sources, key=budget.rms)
+    share = budget.rms(largest) ** 2 / variance
+    words = f"{100.0 * share:.0f} % of the variance is from '{largest.name}'"
+    if largest.kind == "sensor":
+        return f"the noise of the sensor forbids less: {words}"
+    peak = _loudest_mode(plant)
+    low, high = budget.frequency_hz[[0, -1]].tolist()
+    ends = (max(low, 0.7 * peak), min(high, 1.4 * peak))
+    if ends[0] < ends[1]:
+        near = sum(budget.rms(s, ends) ** 2 for s in budget.sources) / variance
+        if near > 0.5:
+            return (
+                f"the mode at {peak:.4g} Hz forbids less: {100.0 * near:.0f} % of the variance is "
+                f"about it, and {words}"
+            )
+    return words
 
 
 def open_rms(
@@ -445,12 +605,17 @@ def _loop_of(text: str | PositionLoop, setup: _Setup) -> PositionLoop:
             f"'{text[:60]}'"
         )
     plant = setup.plant()
-    assert plant.modes is not None
-    peak = int(np.argmax(np.abs(plant.modes.share) / np.array(plant.modes.damping_ratio)))
-    mode = plant.modes.frequency_hz[peak]
+    mode = _loudest_mode(plant)
     # a loop has no notch above half its rate
     within = mode < 0.5 * plant.sample_rate_hz
     return integral_loop(crossover, plant.gain, mode if within else None)
+
+
+def _loudest_mode(plant: LoopPlant) -> float:
+    """Return the frequency of the mode that the drive excites most [Hz]."""
+    assert plant.modes is not None
+    peak = int(np.argmax(np.abs(plant.modes.share) / np.array(plant.modes.damping_ratio)))
+    return plant.modes.frequency_hz[peak]
 
 
 def _within(plant: LoopPlant) -> LoopPlant:

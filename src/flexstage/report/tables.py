@@ -418,11 +418,12 @@ def rms_unit(budgets: "Sequence[PointBudget]") -> tuple[float, str]:
 
 
 def rms_rows(
-    budgets: "Sequence[PointBudget]", exposure: float | None = None
+    budgets: "Sequence[PointBudget]", exposure: float | None = None, duration: float | None = None
 ) -> list[tuple[str, ...]]:
     """Return the rms by source, a column for each budget, and that of all sources.
 
-    With an exposure [s] its moving average and moving standard deviation follow.
+    With an exposure [s] its moving average and moving standard deviation follow; with a duration
+    [s] the largest expected value, and the standard deviation of the rms of a record.
     """
     factor, _ = rms_unit(budgets)
 
@@ -438,4 +439,8 @@ def rms_rows(
         averages, deviations = zip(*(b.exposed(exposure) for b in budgets), strict=True)
         rows.append(row(f"average over {1e3 * exposure:g} ms", averages))
         rows.append(row(f"deviation in {1e3 * exposure:g} ms", deviations))
+    if duration is not None:
+        rows.append(row(f"largest in {duration:g} s", (b.peak(duration) for b in budgets)))
+        scatter = (b.total * b.spread(duration) for b in budgets)
+        rows.append(row(f"scatter of rms in {duration:g} s", scatter))
     return rows

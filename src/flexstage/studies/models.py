@@ -369,6 +369,8 @@ def stage_budget(stage: Stage, request: BudgetRequest) -> "DynamicBudget":
         request.loop,
         axis=request.axis,
         exposure=request.exposure,
+        duration=request.duration,
+        wanted_rms=request.wanted_rms,
     )
     return replace(budget, request=request)
 
