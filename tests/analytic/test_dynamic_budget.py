@@ -32,6 +32,7 @@ from flexstage.system.mechanical import (
     ProbePort,
 )
 from flexstage.system.servo import ServoSettings
+from flexstage.system.statics import static_displacements
 
 PIEZO = design("vgtu-piezo")
 MASS, OMEGA, ZETA = 0.37, 2.0 * math.pi * 290.0, 0.023
@@ -619,3 +620,54 @@ def test_a_file_of_a_loop_and_the_damping_loop(tmp_path: Path) -> None:
     # half of the variance is at the mode, which the damping loop damps
     assert tuned.total < 0.6 * opened.total
     assert slow.total > opened.total
+
+
+STATIC = """
+static:
+  temperature: 0.5 K
+  travel: 40 um
+  creep: 0.02
+  hysteresis: 0.005
+  sensor: {nonlinearity: 2e-4, alignment: 20 mrad, abbe_offset: 8 mm, expansion: 1.2 ppm/K,
+    length_of_loop: 30 mm, calibration: 1e-4}
+"""
+
+
+def test_static_errors_and_rms_are_one_tree_of_errors() -> None:
+    made = environment_from_text(ENVIRONMENT + STATIC)
+    # 0.7 um/K on a base without expansion, of a model that has none of its own
+    mean = lumped_system(PIEZO)
+    pull = mean.K @ np.linalg.solve(mean.K, mean.probe("x").vector)
+    rate = 0.7e-6 / float(mean.probe("x").vector @ np.linalg.solve(mean.K, pull))
+    heated = LoadPort(name="temperature", vector=rate * pull, unit="K")
+    result = budget_of(replace(mean, loads=(*mean.loads, heated)), made, "100 Hz")
+    static = static_displacements(mean, {"x": mean.drive("x").stroke or 0.0})
+    turn = static.body_motion[mean.probe("x").body][2] * 40e-6 / static.readings["x"]
+    root = math.sqrt(3.0)
+    # half-widths over the root of three (JCGM 100, 4.3.7)
+    abbe = 0.5 * 8e-3 * abs(turn) / root
+    expected = {
+        "open": {"thermal drift": 0.5 * 0.7e-6 / root, "creep": 0.02 * 40e-6 / root,
+                 "hysteresis": 0.005 * 40e-6 / root, "Abbe": abbe},
+        "100 Hz": {"nonlinearity": 2e-4 * 40e-6 / root, "calibration": 1e-4 * 40e-6,
+                   "sensor mount": 1.2e-6 * 30e-3 * 0.5 / root, "Abbe": abbe,
+                   # 1 - cos a of a normal angle
+                   "cosine": 40e-6 * float(np.std(1.0 - np.cos(
+                       np.random.default_rng(1).normal(scale=0.02, size=1_000_000))))},
+    }  # fmt: skip
+    for loop, parts in expected.items():
+        budget = result.budget(loop)
+        tree = budget.tree
+        assert tree is not None
+        found = {line.name: line.uncertainty for line in tree.lines}
+        assert found == pytest.approx(parts | {"vibration and noise": budget.total}, rel=0.01)
+        assert tree.uncertainty == pytest.approx(math.hypot(*found.values()), rel=1e-9)
+        assert sum(line.share for line in tree.lines) == pytest.approx(1.0)
+        assert all(line.source for line in tree.lines)
+    plain = result.to_dict()["totals"][1]["tree"]
+    assert plain["uncertainty"] == pytest.approx(result.budget().tree.uncertainty)  # type: ignore[union-attr]
+    bars = result.plot().axes[2]
+    assert sorted(t.get_text() for t in bars.get_yticklabels()) == sorted(found)
+    with pytest.raises(ModelError, match="has no thermal expansion: choose --model superelement"):
+        budget_of(mean, made)
+    assert budget_of(mean, environment_from_text(ENVIRONMENT)).budget().tree is None

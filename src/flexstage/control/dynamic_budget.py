@@ -32,6 +32,7 @@ from flexstage.control.loop_plant import LoopPlant, Margins, loop_margins
 from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.hysteresis import StageModes
+from flexstage.measure.uncertainty.propagate import Influence, Propagated, propagate
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system.environment import (
     DriveVoltage,
@@ -57,6 +58,8 @@ from flexstage.system.mechanical import (
 from flexstage.system.modes import Modes, modes
 from flexstage.system.response import modal_response
 from flexstage.system.servo import ServoSettings
+from flexstage.system.statics import analyse_axis, static_loads
+from flexstage.system.thermal import has_bench, thermal_drift, why_no_drift
 
 #: Name of the stage without control.
 OPEN = "open"
@@ -108,6 +111,8 @@ class PointBudget:
     """Change of the total in per cent for one per cent of damping, stiffness of the stage and gain
     of the loop [1].
     """
+    tree: Propagated | None = None
+    """Static errors and the rms together, with the origin of each; None without static errors."""
 
     def cumulative(self, source: SourceBudget, weight: Array | None = None) -> Array:
         r"""Return the variance up to each line, :math:`\int_{f_1}^{f} w S\,df` [unit^2]."""
@@ -282,8 +287,14 @@ class DynamicBudget(Result):
         if self.duration is not None:
             exposed |= {"duration": self.duration, "peak": b.peak(self.duration)}
             exposed["rms_spread"] = b.spread(self.duration)
+        tree = {}
+        if b.tree is not None:
+            names = ("name", "source", "distribution", "uncertainty", "share")
+            lines = [picked(line, *names) for line in b.tree.lines]
+            tree = {"tree": {"uncertainty": b.tree.uncertainty, "lines": lines}}
         return {
             **picked(b, "loop", "point", "unit", "rms=total"),
+            **tree,
             "margins": plain(b.margins),
             **exposed,
             "bands": [
@@ -364,7 +375,10 @@ def dynamic_budget(
         raise ModelError(
             "a required rms needs a loop, whose gain is varied: name one, such as 50 Hz"
         )
-    budgets = [budget for one in (setup, *closed) for budget in _budgets(one)]
+    budgets = [
+        replace(budget, tree=error_tree(one, budget))
+        for one in (setup, *closed) for budget in _budgets(one)
+    ]  # fmt: skip
     return DynamicBudget(
         stage=stage.name,
         model=system.model,
@@ -376,6 +390,91 @@ def dynamic_budget(
         required=None if wanted_rms is None else required_bandwidth(closed[-1], wanted_rms),
         notes=_notes(setup),
     )
+
+
+def error_tree(setup: "_Setup", budget: PointBudget) -> Propagated | None:
+    r"""Return static errors of a point and its rms, combined; None without static errors.
+
+    .. math:: u^2 = \sum_i u_i^2, \qquad u_i = a_i/\sqrt 3
+
+    of independent errors whose range has the half-width :math:`a_i` (JCGM 100:2008, 4.3.7 and
+    5.1.2), with the rms as a standard uncertainty. Over a travel L, with a rotation :math:`\psi`:
+    Abbe :math:`d\psi/2`, cosine :math:`L(1 - \cos\alpha)`, sensor :math:`nL` and, of its mount,
+    :math:`\alpha_h l\,\Delta T`; creep and hysteresis are shares of L.
+
+    Validity: independent errors, first order. Control removes creep, hysteresis and the drift of
+    the stage, and brings in the errors of its sensor, other than noise and steps.
+    """
+    static = setup.environment.static
+    if static is None:
+        return None
+    probe = next(p.probe for p in setup.points if p.name == budget.point)
+    port = setup.system.probe(probe)
+    ports = [a for a in setup.system.axes if a.probe == probe]
+    ports += [a for a in setup.system.axes if a.name == setup.axis]
+    moved = analyse_axis(setup.system, ports[0])
+    stroke = abs(moved.static.readings[probe])
+    travel = stroke if static.travel is None or port.unit != "m" else static.travel
+    over = f"of {1e6 * travel:.4g} u{port.unit} travel"
+    sensor, errors = static.sensor, []
+
+    def add(name: str, half_width: float, source: str) -> None:
+        if half_width:
+            errors.append(
+                Influence(
+                    name=name, value=0.0, half_width=abs(half_width), unit=port.unit, source=source
+                )
+            )
+
+    change = f"temperature {static.temperature:g} K"
+    if setup.loop is None:
+        if static.temperature:
+            rate, model = _drift_rate(setup, probe)
+            add("thermal drift", rate * static.temperature, f"{change}; {model}")
+        add("creep", static.creep * travel, f"creep {100.0 * static.creep:g} % {over}")
+        add("hysteresis", static.hysteresis * travel, f"{100.0 * static.hysteresis:g} % {over}")
+    elif sensor is not None:
+        scale = f"sensor, nonlinearity {100.0 * sensor.nonlinearity:g} % {over}"
+        add("nonlinearity", sensor.nonlinearity * travel, scale)
+        mount = sensor.expansion * sensor.length_of_loop * static.temperature
+        add("sensor mount", mount, f"{change}, sensor, expansion and length_of_loop")
+        for name, size in (
+            ("calibration", sensor.calibration),
+            # of a normal angle
+            ("cosine", -math.expm1(-(sensor.alignment**2)) / math.sqrt(2.0)),
+        ):
+            if size:
+                key = "calibration" if name == "calibration" else "alignment"
+                source = f"sensor, {key} {getattr(sensor, key):g} {over}"
+                errors.append(
+                    Influence(
+                        name=name, value=0.0, uncertainty=size * travel, unit=port.unit,
+                        source=source,
+                    )
+                )  # fmt: skip
+    if sensor is not None and port.unit == "m":
+        turn = moved.static.body_motion[port.body][2] * travel / stroke
+        place = f"abbe_offset {1e3 * sensor.abbe_offset:g} mm, rotation {1e6 * turn:.3g} urad"
+        add("Abbe", 0.5 * sensor.abbe_offset * turn, f"{place} {over}, {setup.system.model} model")
+    rms = Influence(
+        name="vibration and noise", value=0.0, uncertainty=budget.total, unit=port.unit,
+        source=f"environment '{setup.environment.name}', loop {budget.loop}",
+    )  # fmt: skip
+    return propagate(lambda *parts: sum(parts), [rms, *errors], unit=port.unit)
+
+
+def _drift_rate(setup: "_Setup", probe: str) -> tuple[float, str]:
+    """Return the drift of a probe per kelvin [m/K, or rad/K], and the model that it is from."""
+    stage, system = setup.stage, setup.system
+    if has_bench(stage) and not why_no_drift(stage, system):
+        return thermal_drift(stage, system).readings[probe], "stage on its bench, drives in place"
+    if all(load.name != "temperature" for load in system.loads):
+        raise ModelError(
+            f"the {system.model} model of stage '{stage.name}' has no thermal expansion: choose "
+            "--model superelement and give the material one, or omit the temperature of static"
+        )
+    rate = static_loads(system, {"temperature": 1.0}).readings[probe]
+    return rate, f"{system.model} model, drives removed, base without expansion"
 
 
 def required_bandwidth(setup: "_Setup", target: float) -> RequiredBandwidth:

@@ -1,5 +1,6 @@
 """Tables of the report of a study, and of the coupling of its drives."""
 
+import math
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import fields, replace
@@ -415,6 +416,29 @@ def rms_unit(budgets: "Sequence[PointBudget]") -> tuple[float, str]:
     """Return factor and unit that suit the rms of some budgets of one unit."""
     factor, prefix = prefixed(max(b.total for b in budgets), 1.0)
     return factor, f"{prefix}{budgets[0].unit}"
+
+
+def tree_table(
+    budgets: "Sequence[PointBudget]",
+) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    """Return unit, heads and rows of the trees of errors at a point, with the origin of each error.
+
+    Each loop has a column of standard uncertainties; shares of the variance are those of the last.
+    """
+    factor, unit = (1e6, "um") if budgets[0].unit == "m" else (math.degrees(3600.0), "arcsec")
+    trees = [b.tree for b in budgets if b.tree is not None]
+    errors = [{line.name: line for line in tree.lines} for tree in trees]
+    rows = []
+    for name in dict.fromkeys(name for lines in errors for name in lines):
+        of_loops = [lines.get(name) for lines in errors]
+        origin = [line.source for line in of_loops if line is not None][-1]
+        sizes = ["" if x is None else number(factor * x.uncertainty, 3) for x in of_loops]
+        last = of_loops[-1]
+        rows.append((name, origin, *sizes, "" if last is None else f"{100.0 * last.share:.1f}"))
+    total = [factor * tree.uncertainty for tree in trees]
+    rows.append(("combined", "", *(number(u, 3) for u in total), "100"))
+    rows.append(("expanded, k = 2", "", *(number(2.0 * u, 3) for u in total), ""))
+    return unit, ("<error", "<origin", *(b.loop for b in budgets), "variance, %"), rows
 
 
 def rms_rows(

@@ -22,12 +22,14 @@ from flexstage.files.decoder import read, read_file
 from flexstage.files.format import Format
 from flexstage.files.ranges import (
     NOT_NEGATIVE,
+    POSITIVE,
     CountOrZero,
     PositiveFrequency,
     Written,
     require_ranges,
 )
-from flexstage.quantities.units import Time, parse, si_unit
+from flexstage.quantities.sensor import SensorSpecification
+from flexstage.quantities.units import DIMENSIONS, Length, Time, parse, si_unit
 from flexstage.records.read_options import TextLayout
 from flexstage.records.text import read_text
 from flexstage.stage import Stage
@@ -514,6 +516,27 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StaticErrors:
+    """Causes of errors that do not vibrate, for a tree of errors with the rms."""
+
+    temperature: Annotated[float, DIMENSIONS["temperature"], NOT_NEGATIVE] = 0.0
+    """Half the range of the change of temperature [K]."""
+    travel: Annotated[Length, POSITIVE] | None = None
+    """Travel over which errors that grow with it count [m]; the stroke of the axis by default."""
+    creep: Annotated[float, NOT_NEGATIVE] = 0.0
+    """Creep in the time that counts, over the travel [1]; control removes it."""
+    hysteresis: Annotated[float, NOT_NEGATIVE] = 0.0
+    """Half the range of what an inverse leaves of the hysteresis, over the travel [1]; control
+    removes it.
+    """
+    sensor: SensorSpecification | None = None
+    """Sensor of the loop, and its place."""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, ModelError, "static errors")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Environment:
     """Sources of disturbance, the band in which they count, and points of interest.
 
@@ -535,6 +558,8 @@ class Environment:
     """Sources."""
     points: tuple[Point, ...] = ()
     """Points of interest; by default the probe of the axis against the base."""
+    static: StaticErrors | None = None
+    """Causes of static errors."""
     folder: Path = Path()
     """Folder of its files; not in the file."""
 
