@@ -784,7 +784,7 @@ def _source_budget(source: NoiseSource, response: Complex, f: Array) -> SourceBu
     return SourceBudget(
         name=source.name,
         kind=source.kind,
-        density=squared * spectrum.density(f),
+        density=squared * source.density(f),
         lines=tuple(
             (at, variance * float(np.interp(at, f, squared))) for at, variance in spectrum.lines
         ),
@@ -849,7 +849,7 @@ def _resolved(setup: _Setup) -> tuple[Array, Complex]:
     responses = respond(f)
     for _ in range(_ROUNDS):
         total = sum(
-            np.abs(responses[:, k]) ** 2 * source.spectrum.density(f)
+            np.abs(responses[:, k]) ** 2 * source.density(f)
             for k, source in enumerate(setup.environment.sources)
         )
         logarithm = np.log(np.maximum(total, 1e-300))

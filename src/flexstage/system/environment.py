@@ -287,6 +287,15 @@ class Quantiser(Spectrum):
     def density(self, f: Array) -> Array:
         return np.where(f < 0.5 * self.rate, self.step.value**2 / (6.0 * self.rate), 0.0)
 
+    def held_density(self, f: Array) -> Array:
+        r"""Return the density of a converter that holds each value.
+
+        .. math:: S = \frac{q^2}{6 f_s} \mathrm{sinc}^2(\pi f/f_s)
+
+        at all frequencies, with the variance :math:`q^2/12` over them.
+        """
+        return self.step.value**2 / (6.0 * self.rate) * np.sinc(f / self.rate) ** 2
+
     @property
     def jumps(self) -> tuple[float, ...]:
         return (0.5 * self.rate,)
@@ -437,6 +446,10 @@ class NoiseSource:
         """Return the SI units that its spectrum may have."""
         return self.units
 
+    def density(self, f: Array) -> Array:
+        """Return its one-sided density at frequencies [Hz], in unit^2/Hz."""
+        return self.spectrum.density(f)
+
     def force(self, system: MechanicalSystem) -> Array:
         """Return the force on each coordinate for a unit of it, drives in place, shape (n,).
 
@@ -493,6 +506,11 @@ class DriveVoltage(NoiseSource):
     units: ClassVar[tuple[str, ...]] = ("V",)
     drive: str
     """The drive."""
+
+    def density(self, f: Array) -> Array:
+        if isinstance(self.spectrum, Quantiser):
+            return self.spectrum.held_density(f)
+        return self.spectrum.density(f)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

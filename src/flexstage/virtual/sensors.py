@@ -392,7 +392,7 @@ class SourceSignals:
             inside = f[within]
             amplitude = np.zeros_like(f)
             amplitude[within] = self._scale(source, inside) * np.sqrt(
-                0.25 * rate * size * source.spectrum.density(inside)
+                0.25 * rate * size * source.density(inside)
             )
             draw = self._draws(*key).standard_normal((2, f.size))
             # samples are taken in order: the last two blocks are enough
