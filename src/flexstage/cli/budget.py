@@ -74,18 +74,15 @@ def _print_required(screen: "Console", required: "RequiredBandwidth") -> None:
 
 def _print_point(screen: "Console", result: "DynamicBudget", budgets: "list[PointBudget]") -> None:
     from flexstage.quantities.quantity import number
-    from flexstage.report.tables import rms_rows, rms_unit, tree_table
+    from flexstage.report.tables import loops_table, rms_unit, tree_table
 
-    factor, unit = rms_unit(budgets)
     last = budgets[-1]
-    rows = rms_rows(budgets, result.exposure, result.duration)
-    peaks = ["1" if b.margins is None else number(b.margins.sensitivity_peak, 3) for b in budgets]
-    rows.append(("largest sensitivity", "1", *peaks))
+    factor, _ = rms_unit(budgets)
     if last.tree is not None:
         length, heads, lines = tree_table(budgets)
         print_table(screen, f"{last.point}: standard uncertainty in {length}", heads, lines)
-    caption = f"{result.stage}, {last.point}: rms in {unit}"
-    print_table(screen, caption, ("<source", "<acts", *(b.loop for b in budgets)), rows)
+    unit, heads, lines = loops_table(result, last.point)
+    print_table(screen, f"{result.stage}, {last.point}: rms in {unit}", heads, lines)
     print_table(
         screen,
         f"{last.point} with loop {last.loop}: rms in {unit} by frequency",

@@ -23,7 +23,7 @@ from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.coupled_axes import CoupledAxes
 
 if TYPE_CHECKING:
-    from flexstage.control.dynamic_budget import PointBudget
+    from flexstage.control.dynamic_budget import DynamicBudget, PointBudget
     from flexstage.lumped.assemble import HingeSpring
     from flexstage.stage.drawing.drawn_stage import DrawnStage
 
@@ -439,6 +439,17 @@ def tree_table(
     rows.append(("combined", "", *(number(u, 3) for u in total), "100"))
     rows.append(("expanded, k = 2", "", *(number(2.0 * u, 3) for u in total), ""))
     return unit, ("<error", "<origin", *(b.loop for b in budgets), "variance, %"), rows
+
+
+def loops_table(
+    result: "DynamicBudget", point: str
+) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    """Return unit, heads and rows of the rms by source at a point, with a column for each loop."""
+    budgets = [b for b in result.budgets if b.point == point]
+    peaks = ["1" if b.margins is None else number(b.margins.sensitivity_peak, 3) for b in budgets]
+    rows = rms_rows(budgets, result.exposure, result.duration)
+    rows.append(("largest sensitivity", "1", *peaks))
+    return rms_unit(budgets)[1], ("<source", "<acts", *(b.loop for b in budgets)), rows
 
 
 def rms_rows(

@@ -629,14 +629,19 @@ def read_environment(path: str | os.PathLike[str]) -> Environment:
 
 def ready_environment(stage: Stage) -> Environment | None:
     """Return the assumed environment of a built-in stage, by its axes in their order; else None."""
+    text = ready_text(stage)
+    return None if text is None else environment_from_text(text, f"{stage.name}.yaml")
+
+
+def ready_text(stage: Stage) -> str | None:
+    """Return the description of the assumed environment of a built-in stage; else None."""
     ready = {path.stem: path for path in (Path(__file__).parent / "ready").glob("*.yaml")}
     if stage.name not in ready or len(stage.axes) != len("xy"):
         return None
     parts = {}
     for letter, axis in zip("xy", stage.axes, strict=True):
         parts |= {letter: axis.name, f"{letter}_drive": axis.drive, f"{letter}_probe": axis.probe}
-    text = Template(ready[stage.name].read_text("utf-8")).substitute(parts)
-    return environment_from_text(text, ready[stage.name].name)
+    return Template(ready[stage.name].read_text("utf-8")).substitute(parts)
 
 
 def environment_from_text(text: str, source: str = "environment") -> Environment:
