@@ -7,6 +7,8 @@ of 60 modes by Lyapunov's equation, both 0.01 %; a sampled loop simulated with d
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from flexstage.base.errors import ModelError, StageError
 from flexstage.control.dynamic_budget import DynamicBudget, dynamic_budget
 from flexstage.lumped import lumped_system
+from flexstage.quantities.table import Table
+from flexstage.report.study_sections import quiet_section
 from flexstage.stage.designs import design
 from flexstage.system import MechanicalSystem, ModalDamping, modes
 from flexstage.system.environment import (
@@ -650,6 +654,10 @@ def test_static_errors_and_rms_are_one_tree_of_errors() -> None:
     made = environment_from_text(ENVIRONMENT + STATIC)
     # 0.7 um/K on a base without expansion, of a model that has none of its own
     mean = lumped_system(PIEZO)
+    # an oblique spring, by which the platform turns as it moves
+    moved = mean.body(mean.probe("x").body).matrix
+    oblique = moved[0] + 20e-3 * moved[2]
+    mean = replace(mean, K=mean.K + 1e6 * np.outer(oblique, oblique))
     pull = mean.K @ np.linalg.solve(mean.K, mean.probe("x").vector)
     rate = 0.7e-6 / float(mean.probe("x").vector @ np.linalg.solve(mean.K, pull))
     heated = LoadPort(name="temperature", vector=rate * pull, unit="K")
@@ -659,6 +667,7 @@ def test_static_errors_and_rms_are_one_tree_of_errors() -> None:
     root = math.sqrt(3.0)
     # half-widths over the root of three (JCGM 100, 4.3.7)
     abbe = 0.5 * 8e-3 * abs(turn) / root
+    assert abbe > 1e-9
     expected = {
         "open": {"thermal drift": 0.5 * 0.7e-6 / root, "creep": 0.02 * 40e-6 / root,
                  "hysteresis": 0.005 * 40e-6 / root, "Abbe": abbe},
@@ -681,6 +690,12 @@ def test_static_errors_and_rms_are_one_tree_of_errors() -> None:
     assert plain["uncertainty"] == pytest.approx(result.budget().tree.uncertainty)  # type: ignore[union-attr]
     bars = result.plot().axes[2]
     assert sorted(t.get_text() for t in bars.get_yticklabels()) == sorted(found)
+    study: Any = SimpleNamespace(budget=result, request=None)
+    tables = [c for c in quiet_section(study) if isinstance(c, Table)]
+    # one of the rms, and a tree of each budget
+    assert [t.caption for t in tables[1:]] == ["Errors of x, standard uncertainty [um]."] * 2
+    combined = next(r for r in tables[2].rows if r[0].text == "combined")
+    assert float(combined[2].text) == pytest.approx(1e6 * tree.uncertainty, rel=1e-2)
     with pytest.raises(ModelError, match="has no thermal expansion: choose --model superelement"):
         budget_of(mean, made)
     assert budget_of(mean, environment_from_text(ENVIRONMENT)).budget().tree is None

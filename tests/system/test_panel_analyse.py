@@ -271,12 +271,12 @@ def test_noise_is_that_of_the_command(
     from flexstage.cli import main
 
     variant = Variant(StageTemplate.of("vgtu-piezo"))
-    found = noise_of_variant(variant, FLOOR, "50 Hz, tune", "lumped", tmp_path)
+    found = noise_of_variant(variant, FLOOR, "20 Hz, 50 Hz", "lumped", tmp_path)
     (tmp_path / "floor.yaml").write_text(FLOOR)
     words = ["budget", "vgtu-piezo", "--environment", str(tmp_path / "floor.yaml"), "--quiet"]
     monkeypatch.setenv("COLUMNS", "200")
     with pytest.raises(SystemExit):
-        main([*words, "--loop", "50 Hz", "--loop", "tune"])
+        main([*words, "--loop", "20 Hz", "--loop", "50 Hz"])
     printed = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert [t.caption for t in found.tables] == ["x: rms in nm", "x: standard uncertainty in um"]
     for rows in found.tables:
