@@ -20,6 +20,7 @@ from flexstage.lumped import lumped_system
 from flexstage.stage.designs import design
 from flexstage.stage.limits import AxisLimits
 from flexstage.system import MechanicalSystem, ModalDamping
+from flexstage.system.environment import Environment
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.piezo_loop import sampled_response
 from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage
@@ -75,6 +76,7 @@ def small_stage(
     sensors: SensorBench | None = None,
     seed: int = 0,
     charge: ChargeDrive | None = None,
+    environment: Environment | None = None,
 ) -> PiezoStage:
     """Return the study's piezo stage with stacks of the test's own, and nothing set or drawn."""
     amplifier = Amplifier(
@@ -115,6 +117,7 @@ def small_stage(
             scatter=False,
             sensors=sensors or SensorBench(),
             seed=seed,
+            environment=environment,
         ),
     )
 

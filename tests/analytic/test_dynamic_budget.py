@@ -7,6 +7,8 @@ of 60 modes by Lyapunov's equation, both 0.01 %; a sampled loop simulated with d
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,15 +16,17 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 
 from flexstage.base.errors import ModelError, StageError
 from flexstage.control.dynamic_budget import DynamicBudget, dynamic_budget
-from flexstage.control.environment import (
+from flexstage.lumped import lumped_system
+from flexstage.quantities.table import Table
+from flexstage.report.study_sections import quiet_section
+from flexstage.stage.designs import design
+from flexstage.system import MechanicalSystem, ModalDamping, modes
+from flexstage.system.environment import (
     Environment,
     PositionLoop,
     environment_from_text,
     read_environment,
 )
-from flexstage.lumped import lumped_system
-from flexstage.stage.designs import design
-from flexstage.system import MechanicalSystem, ModalDamping, modes
 from flexstage.system.mechanical import (
     STANDARD_GRAVITY,
     AxisPort,
@@ -32,6 +36,7 @@ from flexstage.system.mechanical import (
     ProbePort,
 )
 from flexstage.system.servo import ServoSettings
+from flexstage.system.statics import static_displacements
 
 PIEZO = design("vgtu-piezo")
 MASS, OMEGA, ZETA = 0.37, 2.0 * math.pi * 290.0, 0.023
@@ -244,6 +249,8 @@ def test_budget_of_the_piezo_stage_computed_apart() -> None:
     for name, figures in apart.items():
         budget = result.budget(name)
         own = [1e9 * budget.rms(source) for source in budget.sources]
+        # there the converter has no hold, which at the mode is a sinc
+        own[4] /= np.sinc(910.0 / 10e3)
         assert [*own, 1e9 * budget.total] == pytest.approx(figures, rel=0.01, abs=0.01)
 
 
@@ -337,6 +344,17 @@ def test_rounding_has_a_twelfth_of_the_square_of_its_step() -> None:
     variance = np.trapezoid(made.sources[0].spectrum.density(f), f)
     assert variance == pytest.approx((2e-9) ** 2 / 12.0, rel=1e-3)
     assert variance == pytest.approx(float(np.var(np.round(signal) - signal)) * 4e-18, rel=0.02)
+    # a converter that holds its values repeats the noise about multiples of its rate
+    made = environment(
+        "kind: voltage, drive: x, spectrum: {kind: quantiser, step: 2 mV, rate: 8 kHz}"
+    )
+    f = np.linspace(1e-3, 8e6, 2_000_001)
+    held = made.sources[0].density(f)
+    assert np.trapezoid(held, f) == pytest.approx((2e-3) ** 2 / 12.0, rel=1e-3)
+    f = np.array([1e-3, 4e3, 8e3])
+    sinc = [1.0, 2.0 / math.pi, 0.0]
+    density = (2e-3) ** 2 / (6.0 * 8e3) * np.square(sinc)
+    assert made.sources[0].density(f) == pytest.approx(density, abs=1e-18)
 
 
 def test_noise_below_a_corner_and_behind_a_low_pass() -> None:
@@ -401,6 +419,72 @@ def test_an_exposure_averages_what_is_faster() -> None:
     assert budget.rms(budget.sources[0], (10.0, 100.0)) == pytest.approx(budget.total)
     assert budget.rms(budget.sources[0], (100.0, 1000.0)) == 0.0
     assert budget.bands == ((1.0, 10.0), (10.0, 100.0), (100.0, 1000.0))
+
+
+def test_largest_value_and_scatter_of_drawn_records() -> None:
+    f0, zeta, duration, records, rate = 100.0, 0.3, 10.0, 100, 4e3
+    system = one_mass(omega=2.0 * math.pi * f0, zeta=zeta)
+    made = environment(f"kind: force, body: PY, along: x, {white('2 mN/rtHz')}")
+    budget = budget_of(system, made).budget()
+    # under white noise the mean square of the speed is that of the motion by the square of omega
+    assert budget.moment(2) == pytest.approx((2.0 * math.pi * f0 * budget.total) ** 2, rel=0.01)
+    # a of 2000 peaks of both signs
+    a = math.sqrt(2.0 * math.log(2.0 * f0 * duration))
+    assert budget.peak(duration) / budget.total == pytest.approx(a + 0.57722 / a, rel=1e-3)
+    size = round(records * duration * rate)
+    f = np.fft.rfftfreq(size, 1.0 / rate)
+    omega, own = 2.0 * np.pi * f, 2.0 * np.pi * f0
+    response = 2e-3 / MASS / np.abs(own**2 - omega**2 + 2j * zeta * own * omega)
+    draw = np.random.default_rng(4).standard_normal((2, f.size))
+    spectrum = np.sqrt(0.25 * rate * size) * response * (draw[0] + 1j * draw[1])
+    motion = np.fft.irfft(spectrum, n=size).reshape(records, -1)
+    assert np.abs(motion).max(axis=1).mean() == pytest.approx(budget.peak(duration), rel=0.03)
+    rms = motion.std(axis=1)
+    assert rms.std() / budget.total == pytest.approx(budget.spread(duration), rel=0.3)
+    with pytest.raises(ModelError, match="crosses zero 100 times a second, so that"):
+        budget.peak(1e-3)
+
+
+@pytest.mark.parametrize(("noise", "wanted", "reached"), [(0.3, 12.0, True), (3.0, 12.0, False)])
+def test_smallest_bandwidth_for_an_rms(noise: float, wanted: float, reached: bool) -> None:
+    # far below its mode the stage follows the loop: S = s/(s + wc), T = wc/(s + wc)
+    hum, still = 5.0, 100.0
+    system = one_mass(spring=2e5, omega=2.0 * math.pi * 12e3, zeta=0.2)
+    volt = 2e5 * 38e-6 / 120.0 / (MASS * (2.0 * math.pi * 12e3) ** 2)
+    made = environment(
+        "kind: voltage, drive: x, "
+        f"spectrum: {{kind: lines, at: [[{hum} Hz, {1e-9 * still / volt!r} V]]}}",
+        f"kind: sensor, {white(f'{noise} nm/rtHz')}",
+        band="[0.01 Hz, 2 kHz]",
+    )
+    result = dynamic_budget(PIEZO, system, made, ["20 Hz"], wanted_rms=1e-9 * wanted)
+    found = result.required
+    assert found is not None
+    assert result.budget("open").total == pytest.approx(1e-9 * still, rel=1e-5)
+    fc = np.geomspace(1.0, 400.0, 100_001)
+    rms = np.sqrt(still**2 * hum**2 / (hum**2 + fc**2) + 0.5 * np.pi * fc * noise**2)
+    assert 1e9 * found.least == pytest.approx(rms.min(), rel=0.05)
+    assert found.least_bandwidth_hz == pytest.approx(fc[np.argmin(rms)], rel=0.1)
+    if reached:
+        assert found.bandwidth_hz == pytest.approx(fc[np.argmax(rms <= wanted)], rel=0.05)
+    else:
+        assert rms.min() > wanted
+        assert found.bandwidth_hz is None
+        assert found.sentence.startswith("the noise of the sensor forbids less: 6")
+    assert result.to_dict()["required"]["least"] == found.least
+    with pytest.raises(ModelError, match="a required rms needs a loop"):
+        dynamic_budget(PIEZO, system, made, wanted_rms=1e-9)
+
+
+def test_what_forbids_a_smaller_rms_is_named() -> None:
+    made = environment_from_text(ENVIRONMENT)
+    notched = dynamic_budget(
+        PIEZO, lumped_system(PIEZO), made, ["100 Hz"], wanted_rms=3e-9
+    ).required
+    assert notched is not None
+    # an integral loop and a notch do nothing about the mode
+    assert (notched.bandwidth_hz, notched.least_bandwidth_hz) == (None, 0.0)
+    assert notched.sentence.startswith("the mode at 910.3 Hz forbids less: 9")
 
 
 @pytest.mark.parametrize(
@@ -553,3 +637,65 @@ def test_a_file_of_a_loop_and_the_damping_loop(tmp_path: Path) -> None:
     # half of the variance is at the mode, which the damping loop damps
     assert tuned.total < 0.6 * opened.total
     assert slow.total > opened.total
+
+
+STATIC = """
+static:
+  temperature: 0.5 K
+  travel: 40 um
+  creep: 0.02
+  hysteresis: 0.005
+  sensor: {nonlinearity: 2e-4, alignment: 20 mrad, abbe_offset: 8 mm, expansion: 1.2 ppm/K,
+    length_of_loop: 30 mm, calibration: 1e-4}
+"""
+
+
+def test_static_errors_and_rms_are_one_tree_of_errors() -> None:
+    made = environment_from_text(ENVIRONMENT + STATIC)
+    # 0.7 um/K on a base without expansion, of a model that has none of its own
+    mean = lumped_system(PIEZO)
+    # an oblique spring, by which the platform turns as it moves
+    moved = mean.body(mean.probe("x").body).matrix
+    oblique = moved[0] + 20e-3 * moved[2]
+    mean = replace(mean, K=mean.K + 1e6 * np.outer(oblique, oblique))
+    pull = mean.K @ np.linalg.solve(mean.K, mean.probe("x").vector)
+    rate = 0.7e-6 / float(mean.probe("x").vector @ np.linalg.solve(mean.K, pull))
+    heated = LoadPort(name="temperature", vector=rate * pull, unit="K")
+    result = budget_of(replace(mean, loads=(*mean.loads, heated)), made, "100 Hz")
+    static = static_displacements(mean, {"x": mean.drive("x").stroke or 0.0})
+    turn = static.body_motion[mean.probe("x").body][2] * 40e-6 / static.readings["x"]
+    root = math.sqrt(3.0)
+    # half-widths over the root of three (JCGM 100, 4.3.7)
+    abbe = 0.5 * 8e-3 * abs(turn) / root
+    assert abbe > 1e-9
+    expected = {
+        "open": {"thermal drift": 0.5 * 0.7e-6 / root, "creep": 0.02 * 40e-6 / root,
+                 "hysteresis": 0.005 * 40e-6 / root, "Abbe": abbe},
+        "100 Hz": {"nonlinearity": 2e-4 * 40e-6 / root, "calibration": 1e-4 * 40e-6,
+                   "sensor mount": 1.2e-6 * 30e-3 * 0.5 / root, "Abbe": abbe,
+                   # 1 - cos a of a normal angle
+                   "cosine": 40e-6 * float(np.std(1.0 - np.cos(
+                       np.random.default_rng(1).normal(scale=0.02, size=1_000_000))))},
+    }  # fmt: skip
+    for loop, parts in expected.items():
+        budget = result.budget(loop)
+        tree = budget.tree
+        assert tree is not None
+        found = {line.name: line.uncertainty for line in tree.lines}
+        assert found == pytest.approx(parts | {"vibration and noise": budget.total}, rel=0.01)
+        assert tree.uncertainty == pytest.approx(math.hypot(*found.values()), rel=1e-9)
+        assert sum(line.share for line in tree.lines) == pytest.approx(1.0)
+        assert all(line.source for line in tree.lines)
+    plain = result.to_dict()["totals"][1]["tree"]
+    assert plain["uncertainty"] == pytest.approx(result.budget().tree.uncertainty)  # type: ignore[union-attr]
+    bars = result.plot().axes[2]
+    assert sorted(t.get_text() for t in bars.get_yticklabels()) == sorted(found)
+    study: Any = SimpleNamespace(budget=result, request=None)
+    tables = [c for c in quiet_section(study) if isinstance(c, Table)]
+    # one of the rms, and a tree of each budget
+    assert [t.caption for t in tables[1:]] == ["Errors of x, standard uncertainty [um]."] * 2
+    combined = next(r for r in tables[2].rows if r[0].text == "combined")
+    assert float(combined[2].text) == pytest.approx(1e6 * tree.uncertainty, rel=1e-2)
+    with pytest.raises(ModelError, match="has no thermal expansion: choose --model superelement"):
+        budget_of(mean, made)
+    assert budget_of(mean, environment_from_text(ENVIRONMENT)).budget().tree is None

@@ -18,12 +18,12 @@ from flexstage.base.errors import ModelError
 from flexstage.cli import main
 from flexstage.control import Requirements
 from flexstage.control.design import tune_plant
-from flexstage.control.environment import read_loop
 from flexstage.control.loop_plant import LoopPlant
 from flexstage.control.measured_response import ResponseDesign, tune_response
 from flexstage.hysteresis import StageModes
 from flexstage.measure.requests import TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
+from flexstage.system.environment import read_loop
 from flexstage.system.servo import Lead, ServoSettings
 from tests.shared_data import DATA, needs
 

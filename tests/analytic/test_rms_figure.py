@@ -14,11 +14,6 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.control.dynamic_budget import dynamic_budget
-from flexstage.control.environment import (
-    Environment,
-    Point,
-    environment_from_text,
-)
 from flexstage.lumped import assemble_batch, lumped_system, stage_arrays
 from flexstage.quantities.table import Table
 from flexstage.report.study import study_section
@@ -39,6 +34,11 @@ from flexstage.studies.requests import StudyRequest
 from flexstage.studies.results import results_json
 from flexstage.studies.study import environment_of
 from flexstage.system.batch import sample_systems
+from flexstage.system.environment import (
+    Environment,
+    Point,
+    environment_from_text,
+)
 from flexstage.virtual.imperfections import Scatter
 from tests.result_schema import require_valid
 

@@ -58,7 +58,8 @@ EXAMPLES: tuple[Request, ...] = (
         model=("lumped", "solid"),
         options=ModelOptions(bench=Bench(base=11.5e-6, holder=1.3e-6, holder_length=-0.06)),
     ),
-    BudgetRequest(environment=Path("floor.yaml"), loop=("100 Hz", "tune"), exposure=0.013),
+    BudgetRequest(environment=Path("floor.yaml"), loop=("100 Hz", "tune"), exposure=0.013,
+                  duration=2.5, wanted_rms=3e-9),
     CentreRequest(
         error=("e", 2), angle=0, heads=(0.0, 1.25), radius=0.0517, kind="drum", orders=(2, 3),
         sign=-1, stage_at=((1e-6, 0.0), (-2.5e-6, 3e-5)), mounting_angle=0.3, outliers=False,

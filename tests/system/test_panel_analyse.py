@@ -26,6 +26,7 @@ from flexstage.web.analyse.work import (
     figures_tables,
     hinges_table,
     modes_table,
+    noise_of_variant,
     save_archive,
 )
 from flexstage.web.design.state import DesignState, Variant
@@ -254,6 +255,62 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
     simulated(tmp_path, look)
 
 
+FLOOR = """\
+environment: 1
+name: floor
+band: [1 Hz, 5 kHz]
+sources:
+  floor: {kind: ground, along: x, spectrum: {kind: vc, curve: C, slope_above: -5}}
+static: {creep: 0.02}
+"""
+
+
+def test_noise_is_that_of_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from flexstage.cli import main
+
+    variant = Variant(StageTemplate.of("vgtu-piezo"))
+    found = noise_of_variant(variant, FLOOR, "20 Hz, 50 Hz", "lumped", tmp_path)
+    (tmp_path / "floor.yaml").write_text(FLOOR)
+    words = ["budget", "vgtu-piezo", "--environment", str(tmp_path / "floor.yaml"), "--quiet"]
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(SystemExit):
+        main([*words, "--loop", "20 Hz", "--loop", "50 Hz"])
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [t.caption for t in found.tables] == ["x: rms in nm", "x: standard uncertainty in um"]
+    for rows in found.tables:
+        for row in rows.rows:
+            assert " ".join(cell.text for cell in row).split() in printed
+    assert "<svg" in found.picture
+    with pytest.raises(ModelError, match="a loop is a crossover such as '100 Hz', or tune, got"):
+        noise_of_variant(variant, FLOOR, "/etc/passwd", "lumped", tmp_path)
+
+
+def test_noise_is_computed_in_the_page(tmp_path: Path) -> None:
+    async def look(user: Any, panel: Any) -> None:
+        from nicegui import ui
+
+        await user.open("/design")
+        (session,) = panel.access._sessions.values()
+        session.state(DesignState).open(StageTemplate.of("vgtu-piezo"))
+        state = session.state(AnalyseState)
+        state.display.part = "Noise"
+        await user.open("/analyse")
+        (text,) = user.find(ui.textarea).elements
+        # the laboratory that the report assumes
+        assert "converter x (16 bits)" in text.value
+        text.value = FLOOR.replace("curve: C", "curve: H")
+        user.find(kind=ui.button, content="Compute noise").click()
+        await come(lambda: any("got 'H'" in label.text for label in user.find(ui.label).elements))
+        text.value = FLOOR
+        user.find(kind=ui.button, content="Compute noise").click()
+        await come(lambda: state.noise)
+        await user.should_see("linear, stationary and independent sources")
+
+    simulated(tmp_path, look)
+
+
 LEVER = """\
 flexstage: 1
 name: lever
@@ -337,6 +394,10 @@ def test_a_stage_is_analysed_in_the_page(tmp_path: Path) -> None:
         )
         assert float(cells.nth(1).inner_text()) < float(before)
         look.require_sound("analyse-bode")
+        page.get_by_role("tab", name="Noise").click()
+        page.get_by_role("button", name="Compute noise").click()
+        page.locator("svg[aria-label*='cumulative amplitude by source']").wait_for()
+        look.require_sound("analyse-noise")
         page.get_by_role("tab", name="Convergence").click()
         page.locator("svg[aria-label='Convergence of the solid model']").wait_for()
         look.shot("analyse-convergence")

@@ -18,7 +18,7 @@ from flexstage.studies.requests import BudgetRequest
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.control.dynamic_budget import DynamicBudget, PointBudget
+    from flexstage.control.dynamic_budget import DynamicBudget, PointBudget, RequiredBandwidth
 
 
 @from_docstring
@@ -55,19 +55,34 @@ def print_budget(screen: "Console", result: "DynamicBudget") -> None:
     """Print the tables of a budget, by point of interest."""
     for point in dict.fromkeys(b.point for b in result.budgets):
         _print_point(screen, result, [b for b in result.budgets if b.point == point])
+    if result.required is not None:
+        _print_required(screen, result.required)
+
+
+def _print_required(screen: "Console", required: "RequiredBandwidth") -> None:
+    from flexstage.quantities.quantity import number
+
+    bandwidth = "none" if required.bandwidth_hz is None else number(required.bandwidth_hz, 3)
+    least = number(1e9 * required.least, 3), number(required.least_bandwidth_hz, 3)
+    print_table(
+        screen,
+        f"{required.point} by the gain of loop {required.loop}: {required.sentence}",
+        ("<", "rms, nm", "crossover, Hz"),
+        [("required", number(1e9 * required.rms, 3), bandwidth), ("least", *least)],
+    )
 
 
 def _print_point(screen: "Console", result: "DynamicBudget", budgets: "list[PointBudget]") -> None:
     from flexstage.quantities.quantity import number
-    from flexstage.report.tables import rms_rows, rms_unit
+    from flexstage.report.tables import loops_table, rms_unit, tree_table
 
-    factor, unit = rms_unit(budgets)
     last = budgets[-1]
-    rows = rms_rows(budgets, result.exposure)
-    peaks = ["1" if b.margins is None else number(b.margins.sensitivity_peak, 3) for b in budgets]
-    rows.append(("largest sensitivity", "1", *peaks))
-    caption = f"{result.stage}, {last.point}: rms in {unit}"
-    print_table(screen, caption, ("<source", "<acts", *(b.loop for b in budgets)), rows)
+    factor, _ = rms_unit(budgets)
+    if last.tree is not None:
+        length, heads, lines = tree_table(budgets)
+        print_table(screen, f"{last.point}: standard uncertainty in {length}", heads, lines)
+    unit, heads, lines = loops_table(result, last.point)
+    print_table(screen, f"{result.stage}, {last.point}: rms in {unit}", heads, lines)
     print_table(
         screen,
         f"{last.point} with loop {last.loop}: rms in {unit} by frequency",

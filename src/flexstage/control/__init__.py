@@ -13,7 +13,6 @@ from flexstage.base.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.control.design import Requirements, ServoDesign, tune
     from flexstage.control.dynamic_budget import DynamicBudget, dynamic_budget
-    from flexstage.control.environment import Environment, read_environment
     from flexstage.control.feedforward import Compensation, compensate, shifted_model, trimmed_model
     from flexstage.control.learning import Learning, LearningSettings, Trial, learn
     from flexstage.control.loop_plant import loop_margins
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
         control_run,
         with_feedforward,
     )
+    from flexstage.system.environment import Environment, read_environment
 
 __all__ = [
     "Compensation",

@@ -28,8 +28,13 @@ import numpy as np
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError
 from flexstage.control.design import tune_plant
-from flexstage.control.environment import (
-    BodyForce,
+from flexstage.control.loop_plant import LoopPlant, Margins, loop_margins
+from flexstage.files.plain import picked, plain
+from flexstage.files.result import Result
+from flexstage.hysteresis import StageModes
+from flexstage.measure.uncertainty.propagate import Influence, Propagated, propagate
+from flexstage.stage import PiezoStack, Stage
+from flexstage.system.environment import (
     DriveVoltage,
     Environment,
     GroundMotion,
@@ -41,11 +46,6 @@ from flexstage.control.environment import (
     integral_loop,
     read_loop,
 )
-from flexstage.control.loop_plant import LoopPlant, Margins, loop_margins
-from flexstage.files.plain import picked, plain
-from flexstage.files.result import Result
-from flexstage.hysteresis import StageModes
-from flexstage.stage import PiezoStack, Stage
 from flexstage.system.figure_source import Key
 from flexstage.system.mechanical import (
     Damping,
@@ -58,6 +58,8 @@ from flexstage.system.mechanical import (
 from flexstage.system.modes import Modes, modes
 from flexstage.system.response import modal_response
 from flexstage.system.servo import ServoSettings
+from flexstage.system.statics import analyse_axis, static_loads
+from flexstage.system.thermal import has_bench, thermal_drift, why_no_drift
 
 #: Name of the stage without control.
 OPEN = "open"
@@ -109,6 +111,8 @@ class PointBudget:
     """Change of the total in per cent for one per cent of damping, stiffness of the stage and gain
     of the loop [1].
     """
+    tree: Propagated | None = None
+    """Static errors and the rms together, with the origin of each; None without static errors."""
 
     def cumulative(self, source: SourceBudget, weight: Array | None = None) -> Array:
         r"""Return the variance up to each line, :math:`\int_{f_1}^{f} w S\,df` [unit^2]."""
@@ -144,6 +148,46 @@ class PointBudget:
             math.sqrt(sum(float(self.cumulative(s, 1.0 - average)[-1]) for s in self.sources)),
         )
 
+    def moment(self, power: int) -> float:
+        r"""Return a spectral moment, :math:`\int (2\pi f)^n S\,df` [unit^2/s^n], of all sources."""
+        weight = (2.0 * np.pi * self.frequency_hz) ** power
+        return sum(float(self.cumulative(s, weight)[-1]) for s in self.sources)
+
+    def peak(self, duration: float) -> float:
+        r"""Return the expected largest absolute value in a duration T [unit].
+
+        .. math:: \sigma\left(a + \frac{0.5772}{a}\right), \quad a = \sqrt{2\ln(2\nu T)}, \quad
+                  \nu = \frac{1}{2\pi}\sqrt{m_2/m_0}
+
+        with the rate :math:`\nu` of upward crossings of zero (S. O. Rice, Bell Syst. Tech. J. 24
+        (1945) 46) and both signs (A. G. Davenport, Proc. Inst. Civ. Eng. 28 (1964) 187), from
+        memory. Validity: a Gaussian motion of many periods; of one lightly damped mode the peaks
+        come in groups, and it is up to about 10 % too high; too high for lines as well.
+        """
+        variance = self.moment(0)
+        if not variance > 0.0:
+            return 0.0
+        rate = math.sqrt(self.moment(2) / variance) / (2.0 * math.pi)
+        if not rate * duration > 1.0:
+            raise ModelError(
+                f"'{self.point}' crosses zero {rate:.3g} times a second, so that {duration:g} s "
+                "are no period: give a longer duration"
+            )
+        a = math.sqrt(2.0 * math.log(2.0 * rate * duration))
+        return math.sqrt(variance) * (a + float(np.euler_gamma) / a)
+
+    def spread(self, duration: float) -> float:
+        r"""Return the relative standard deviation of the rms of a record of a duration T [1].
+
+        .. math:: \frac{1}{2}\frac{\sqrt{\int S^2\,df/T}}{\int S\,df}
+
+        Validity: Gaussian; a record of many times the decay of the modes; lines do not scatter.
+        """
+        variance = self.moment(0)
+        density = sum(s.density for s in self.sources)
+        squares = float(np.trapezoid(density**2, self.frequency_hz))
+        return 0.5 * math.sqrt(squares / duration) / variance if variance > 0.0 else 0.0
+
     def ranking(self) -> list[tuple[str, float]]:
         """Return what to improve first: change of the total in per cent for one per cent of each.
 
@@ -160,6 +204,26 @@ class PointBudget:
         first, last = math.floor(math.log10(low)) + 1, math.ceil(math.log10(high))
         ends = [low, *(10.0**k for k in range(first, last) if low < 10.0**k < high), high]
         return tuple(itertools.pairwise(ends))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RequiredBandwidth:
+    """Smallest bandwidth of a kind of loop for an rms, by the gain of a loop."""
+
+    loop: str
+    """Loop whose gain is varied."""
+    point: str
+    """Name of the point."""
+    rms: float
+    """Required rms [m]."""
+    bandwidth_hz: float | None
+    """Smallest crossover that reaches it [Hz], 0 without control; None where none does."""
+    least: float
+    """Least rms that the loop reaches [m]."""
+    least_bandwidth_hz: float
+    """Crossover there [Hz], 0 without control."""
+    sentence: str
+    """What forbids a smaller rms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -180,6 +244,10 @@ class DynamicBudget(Result):
     """Budget of each loop at each point."""
     exposure: float | None
     """Exposure [s]."""
+    duration: float | None
+    """Duration of a record [s]."""
+    required: RequiredBandwidth | None
+    """Required bandwidth."""
     notes: tuple[str, ...]
     """Limits of validity, and choices."""
 
@@ -205,6 +273,7 @@ class DynamicBudget(Result):
             "band_hz": list(self.environment.band),
             "rms": rows,
             "totals": [self._total_data(b) for b in self.budgets],
+            **({} if self.required is None else {"required": plain(self.required)}),
             "notes": list(self.notes),
         }
 
@@ -215,8 +284,17 @@ class DynamicBudget(Result):
         if self.exposure is not None:
             average, deviation = b.exposed(self.exposure)
             exposed = {"exposure": self.exposure, "average": average, "deviation": deviation}
+        if self.duration is not None:
+            exposed |= {"duration": self.duration, "peak": b.peak(self.duration)}
+            exposed["rms_spread"] = b.spread(self.duration)
+        tree = {}
+        if b.tree is not None:
+            names = ("name", "source", "distribution", "uncertainty", "share")
+            lines = [picked(line, *names) for line in b.tree.lines]
+            tree = {"tree": {"uncertainty": b.tree.uncertainty, "lines": lines}}
         return {
             **picked(b, "loop", "point", "unit", "rms=total"),
+            **tree,
             "margins": plain(b.margins),
             **exposed,
             "bands": [
@@ -239,6 +317,8 @@ def dynamic_budget(
     *,
     axis: str | None = None,
     exposure: float | None = None,
+    duration: float | None = None,
+    wanted_rms: float | None = None,
 ) -> DynamicBudget:
     r"""Return the dynamic error budget of a stage, its drives in place.
 
@@ -258,6 +338,10 @@ def dynamic_budget(
         The axis under control (default: the first).
     exposure : float, optional
         Exposure for moving average and moving standard deviation [s].
+    duration : float, optional
+        Duration of a record, for its largest value and the scatter of its rms [s].
+    wanted_rms : float, optional
+        Rms at the first point for which the last loop needs a bandwidth [m].
 
     Returns
     -------
@@ -287,7 +371,14 @@ def dynamic_budget(
     names = [OPEN, *(one.loop.name for one in closed if one.loop is not None)]
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise ModelError(f"two loops are named '{twice}', the stage without one '{OPEN}': rename")
-    budgets = [budget for one in (setup, *closed) for budget in _budgets(one)]
+    if wanted_rms is not None and not closed:
+        raise ModelError(
+            "a required rms needs a loop, whose gain is varied: name one, such as 50 Hz"
+        )
+    budgets = [
+        replace(budget, tree=error_tree(one, budget))
+        for one in (setup, *closed) for budget in _budgets(one)
+    ]  # fmt: skip
     return DynamicBudget(
         stage=stage.name,
         model=system.model,
@@ -295,8 +386,175 @@ def dynamic_budget(
         environment=environment,
         budgets=tuple(budgets),
         exposure=exposure,
+        duration=duration,
+        required=None if wanted_rms is None else required_bandwidth(closed[-1], wanted_rms),
         notes=_notes(setup),
     )
+
+
+def error_tree(setup: "_Setup", budget: PointBudget) -> Propagated | None:
+    r"""Return static errors of a point and its rms, combined; None without static errors.
+
+    .. math:: u^2 = \sum_i u_i^2, \qquad u_i = a_i/\sqrt 3
+
+    of independent errors whose range has the half-width :math:`a_i` (JCGM 100:2008, 4.3.7 and
+    5.1.2), with the rms as a standard uncertainty. Over a travel L, with a rotation :math:`\psi`:
+    Abbe :math:`d\psi/2`, cosine :math:`L(1 - \cos\alpha)`, sensor :math:`nL` and, of its mount,
+    :math:`\alpha_h l\,\Delta T`; creep and hysteresis are shares of L.
+
+    Validity: independent errors, first order. Control removes creep, hysteresis and the drift of
+    the stage, and brings in the errors of its sensor, other than noise and steps.
+    """
+    static = setup.environment.static
+    if static is None:
+        return None
+    probe = next(p.probe for p in setup.points if p.name == budget.point)
+    port = setup.system.probe(probe)
+    ports = [a for a in setup.system.axes if a.probe == probe]
+    ports += [a for a in setup.system.axes if a.name == setup.axis]
+    moved = analyse_axis(setup.system, ports[0])
+    stroke = abs(moved.static.readings[probe])
+    travel = stroke if static.travel is None or port.unit != "m" else static.travel
+    over = f"of {1e6 * travel:.4g} u{port.unit} travel"
+    sensor, errors = static.sensor, []
+
+    def add(name: str, half_width: float, source: str) -> None:
+        if half_width:
+            errors.append(
+                Influence(
+                    name=name, value=0.0, half_width=abs(half_width), unit=port.unit, source=source
+                )
+            )
+
+    change = f"temperature {static.temperature:g} K"
+    if setup.loop is None:
+        if static.temperature:
+            rate, model = _drift_rate(setup, probe)
+            add("thermal drift", rate * static.temperature, f"{change}; {model}")
+        add("creep", static.creep * travel, f"creep {100.0 * static.creep:g} % {over}")
+        add("hysteresis", static.hysteresis * travel, f"{100.0 * static.hysteresis:g} % {over}")
+    elif sensor is not None:
+        scale = f"sensor, nonlinearity {100.0 * sensor.nonlinearity:g} % {over}"
+        add("nonlinearity", sensor.nonlinearity * travel, scale)
+        mount = sensor.expansion * sensor.length_of_loop * static.temperature
+        add("sensor mount", mount, f"{change}, sensor, expansion and length_of_loop")
+        for name, size in (
+            ("calibration", sensor.calibration),
+            # of a normal angle
+            ("cosine", -math.expm1(-(sensor.alignment**2)) / math.sqrt(2.0)),
+        ):
+            if size:
+                key = "calibration" if name == "calibration" else "alignment"
+                source = f"sensor, {key} {getattr(sensor, key):g} {over}"
+                errors.append(
+                    Influence(
+                        name=name, value=0.0, uncertainty=size * travel, unit=port.unit,
+                        source=source,
+                    )
+                )  # fmt: skip
+    if sensor is not None and port.unit == "m":
+        turn = moved.static.body_motion[port.body][2] * travel / stroke
+        place = f"abbe_offset {1e3 * sensor.abbe_offset:g} mm, rotation {1e6 * turn:.3g} urad"
+        add("Abbe", 0.5 * sensor.abbe_offset * turn, f"{place} {over}, {setup.system.model} model")
+    rms = Influence(
+        name="vibration and noise", value=0.0, uncertainty=budget.total, unit=port.unit,
+        source=f"environment '{setup.environment.name}', loop {budget.loop}",
+    )  # fmt: skip
+    return propagate(lambda *parts: sum(parts), [rms, *errors], unit=port.unit)
+
+
+def _drift_rate(setup: "_Setup", probe: str) -> tuple[float, str]:
+    """Return the drift of a probe per kelvin [m/K, or rad/K], and the model that it is from."""
+    stage, system = setup.stage, setup.system
+    if has_bench(stage) and not why_no_drift(stage, system):
+        return thermal_drift(stage, system).readings[probe], "stage on its bench, drives in place"
+    if all(load.name != "temperature" for load in system.loads):
+        raise ModelError(
+            f"the {system.model} model of stage '{stage.name}' has no thermal expansion: choose "
+            "--model superelement and give the material one, or omit the temperature of static"
+        )
+    rate = static_loads(system, {"temperature": 1.0}).readings[probe]
+    return rate, f"{system.model} model, drives removed, base without expansion"
+
+
+def required_bandwidth(setup: "_Setup", target: float) -> RequiredBandwidth:
+    """Return the smallest bandwidth with which a loop of other gains reaches an rms [m].
+
+    Bandwidth is the crossover of the loop, whose filters and notches stay. Gains from a thousandth
+    of the largest stable one are tried on a logarithmic grid, and refined where the rms falls below
+    the required one, or is least.
+
+    Validity: the rms has no narrow dip between two gains of the grid.
+    """
+    from scipy.optimize import brentq, minimize_scalar
+
+    assert setup.loop is not None
+    point = setup.points[0]
+    if (unit := setup.system.probe(point.probe).unit) != "m":
+        raise ModelError(f"point '{point.name}' reads {unit}, and the required rms is a distance")
+    plant, settings = setup.plant(), setup.loop.settings
+    margins = loop_margins(plant, settings)
+    largest = math.log(0.98 * min(margins.gain_margin, 100.0))
+
+    def rms(gain: float) -> float:
+        return float(_totals(_scaled_gain(setup, math.exp(gain)))[0])
+
+    def crossover(gain: float) -> float:
+        scaled = _scaled_gain(setup, math.exp(gain))
+        assert scaled.loop is not None
+        return loop_margins(plant, scaled.loop.settings).crossover_hz
+
+    opened = float(_totals(replace(setup, loop=None))[0])
+    gains = np.linspace(largest - math.log(1000.0), largest, 40)
+    values = np.array([rms(gain) for gain in gains.tolist()])
+    k = int(np.argmin(values))
+    around = gains[[max(k - 1, 0), min(k + 1, gains.size - 1)]].tolist()
+    best = minimize_scalar(rms, bounds=around, method="bounded", options={"xatol": 1e-3})
+    at, least = (float(best.x), float(best.fun)) if best.fun < values[k] else (gains[k], values[k])
+    open_is_best = opened <= least
+    bandwidth = 0.0 if opened <= target else None
+    if bandwidth is None and least <= target:
+        below = values <= target
+        first = int(np.argmax(below)) if below.any() else k
+        low, high = (gains[first - 1], gains[first]) if below.any() else (around[0], at)
+        bandwidth = crossover(
+            float(brentq(lambda gain: rms(gain) - target, low, high, xtol=1e-4))
+            if first else gains[0]
+        )  # fmt: skip
+    reached = replace(setup, loop=None) if open_is_best else _scaled_gain(setup, math.exp(at))
+    return RequiredBandwidth(
+        loop=setup.loop.name,
+        point=point.name,
+        rms=target,
+        bandwidth_hz=bandwidth,
+        least=min(opened, float(least)),
+        least_bandwidth_hz=0.0 if open_is_best else crossover(float(at)),
+        sentence=_limit_sentence(reached, plant),
+    )
+
+
+def _limit_sentence(setup: "_Setup", plant: LoopPlant) -> str:
+    """Return what most of the variance at the first point is from, as a sentence."""
+    budget = _budgets(setup)[0]
+    variance = budget.total**2
+    if not variance > 0.0:
+        return "nothing moves the point"
+    largest = max(budget.sources, key=budget.rms)
+    share = budget.rms(largest) ** 2 / variance
+    words = f"{100.0 * share:.0f} % of the variance is from '{largest.name}'"
+    if largest.kind == "sensor":
+        return f"the noise of the sensor forbids less: {words}"
+    peak = _loudest_mode(plant)
+    low, high = budget.frequency_hz[[0, -1]].tolist()
+    ends = (max(low, 0.7 * peak), min(high, 1.4 * peak))
+    if ends[0] < ends[1]:
+        near = sum(budget.rms(s, ends) ** 2 for s in budget.sources) / variance
+        if near > 0.5:
+            return (
+                f"the mode at {peak:.4g} Hz forbids less: {100.0 * near:.0f} % of the variance is "
+                f"about it, and {words}"
+            )
+    return words
 
 
 def open_rms(
@@ -446,12 +704,17 @@ def _loop_of(text: str | PositionLoop, setup: _Setup) -> PositionLoop:
             f"'{text[:60]}'"
         )
     plant = setup.plant()
-    assert plant.modes is not None
-    peak = int(np.argmax(np.abs(plant.modes.share) / np.array(plant.modes.damping_ratio)))
-    mode = plant.modes.frequency_hz[peak]
+    mode = _loudest_mode(plant)
     # a loop has no notch above half its rate
     within = mode < 0.5 * plant.sample_rate_hz
     return integral_loop(crossover, plant.gain, mode if within else None)
+
+
+def _loudest_mode(plant: LoopPlant) -> float:
+    """Return the frequency of the mode that the drive excites most [Hz]."""
+    assert plant.modes is not None
+    peak = int(np.argmax(np.abs(plant.modes.share) / np.array(plant.modes.damping_ratio)))
+    return plant.modes.frequency_hz[peak]
 
 
 def _within(plant: LoopPlant) -> LoopPlant:
@@ -521,7 +784,7 @@ def _source_budget(source: NoiseSource, response: Complex, f: Array) -> SourceBu
     return SourceBudget(
         name=source.name,
         kind=source.kind,
-        density=squared * spectrum.density(f),
+        density=squared * source.density(f),
         lines=tuple(
             (at, variance * float(np.interp(at, f, squared))) for at, variance in spectrum.lines
         ),
@@ -586,7 +849,7 @@ def _resolved(setup: _Setup) -> tuple[Array, Complex]:
     responses = respond(f)
     for _ in range(_ROUNDS):
         total = sum(
-            np.abs(responses[:, k]) ** 2 * source.spectrum.density(f)
+            np.abs(responses[:, k]) ** 2 * source.density(f)
             for k, source in enumerate(setup.environment.sources)
         )
         logarithm = np.log(np.maximum(total, 1e-300))
@@ -645,9 +908,8 @@ def _responder(setup: _Setup, every: Modes) -> Callable[[Array], Complex]:
         response = modal_response(every, readers, np.array(forces), f)
         omega = 2.0j * np.pi * f
         for k, source in grounds:
-            unit = source.spectrum.unit
             # a motion of the ground is an acceleration of the base
-            powers = 0 if unit.endswith("/s^2") else 1 if unit.endswith("/s") else 2
+            powers = source.derivatives
             response[:, k] *= omega**powers
             for j in range(len(setup.points)):
                 response[j, k] += carried.get((j, k), 0.0) * omega ** (powers - 2)
@@ -692,14 +954,6 @@ def _reader(system: MechanicalSystem, point: Point) -> Array:
 
 def _force(setup: _Setup, source: NoiseSource) -> Array:
     """Return the force on each coordinate for a unit of a source; none of a sensor."""
-    system = setup.system
-    if isinstance(source, GroundMotion):
-        return -system.base_force(source.along, "in place")
-    if isinstance(source, BodyForce):
-        force = system.body(source.body).matrix["xy".index(source.along)]
-        if not np.any(force):
-            raise ModelError(f"source '{source.name}': body '{source.body}' is fixed: name another")
-        return force
     if isinstance(source, DriveVoltage):
         return setup.force_of_voltage(source.drive)
-    return np.zeros(system.order)
+    return source.force(setup.system)

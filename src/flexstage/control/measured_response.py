@@ -19,7 +19,6 @@ import numpy as np
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError
 from flexstage.control.design import WIDTHS, Requirements, peak_notches, structures
-from flexstage.control.environment import LOOP_FILE, PositionLoop
 from flexstage.control.loop_plant import (
     LoopPlant,
     Margins,
@@ -35,6 +34,7 @@ from flexstage.measure.frf import FrfResult, frf_of_files
 from flexstage.measure.requests import FrfRequest, TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.records.read_options import ReadOptions
+from flexstage.system.environment import LOOP_FILE, PositionLoop
 from flexstage.system.servo import Lead, ServoSettings
 
 

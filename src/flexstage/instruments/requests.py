@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Annotated, Literal
 
 from flexstage.base.errors import ModelError
@@ -80,6 +81,10 @@ class TwinRequest(Request):
     """Identifiers of its axes, such as "Z" or "X,Y" (default: 1,2,...)."""
     widths: Annotated[str, Written("FILE")] | None = None
     """Measured necks, as of tolerance: bias and scatter of those of the simulated stage."""
+    environment: Path | None = None
+    """Description of disturbances in YAML, as of budget, in place of the noise of the simulated
+    stage.
+    """
     table: Annotated[str, Written("TABLE")] | None = None
     """Description of a rotary table (YAML) that turns with the stage and its scale: its angle, and
     the angles that its heads read, are further sensors.

@@ -18,7 +18,13 @@ from flexstage.report.figures.fields import draw_convergence, draw_fe_modes
 from flexstage.report.figures.hinges import draw_neck_stress, neck_sampler
 from flexstage.report.figures.tracking import draw_compensation
 from flexstage.report.page import fragment
-from flexstage.report.tables import full_stroke_words, published_loop, rms_rows, rms_unit
+from flexstage.report.tables import (
+    full_stroke_words,
+    published_loop,
+    rms_rows,
+    rms_unit,
+    tree_table,
+)
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import CREEP, POSITION_NOISE
 from flexstage.studies.measurement import MeasurementComparison
@@ -403,6 +409,9 @@ def quiet_section(study: "Study") -> Iterator[Content]:
         budgets = [b for b in result.budgets if b.unit == unit]
         heads = ("<source", "<acts", *(b.point for b in budgets))
         yield table(f"Rms by source [{rms_unit(budgets)[1]}].", heads, rms_rows(budgets))
+        for b in (b for b in budgets if b.tree is not None):
+            named, columns, rows = tree_table([b])
+            yield table(f"Errors of {b.point}, standard uncertainty [{named}].", columns, rows)
     yield Pictures(
         pictures=tuple(
             Picture(

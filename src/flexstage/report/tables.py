@@ -1,5 +1,6 @@
 """Tables of the report of a study, and of the coupling of its drives."""
 
+import math
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import fields, replace
@@ -22,7 +23,7 @@ from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.coupled_axes import CoupledAxes
 
 if TYPE_CHECKING:
-    from flexstage.control.dynamic_budget import PointBudget
+    from flexstage.control.dynamic_budget import DynamicBudget, PointBudget
     from flexstage.lumped.assemble import HingeSpring
     from flexstage.stage.drawing.drawn_stage import DrawnStage
 
@@ -417,12 +418,47 @@ def rms_unit(budgets: "Sequence[PointBudget]") -> tuple[float, str]:
     return factor, f"{prefix}{budgets[0].unit}"
 
 
+def tree_table(
+    budgets: "Sequence[PointBudget]",
+) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    """Return unit, heads and rows of the trees of errors at a point, with the origin of each error.
+
+    Each loop has a column of standard uncertainties; shares of the variance are those of the last.
+    """
+    factor, unit = (1e6, "um") if budgets[0].unit == "m" else (math.degrees(3600.0), "arcsec")
+    trees = [b.tree for b in budgets if b.tree is not None]
+    errors = [{line.name: line for line in tree.lines} for tree in trees]
+    rows = []
+    for name in dict.fromkeys(name for lines in errors for name in lines):
+        of_loops = [lines.get(name) for lines in errors]
+        origin = [line.source for line in of_loops if line is not None][-1]
+        sizes = ["" if x is None else number(factor * x.uncertainty, 3) for x in of_loops]
+        last = of_loops[-1]
+        rows.append((name, origin, *sizes, "" if last is None else f"{100.0 * last.share:.1f}"))
+    total = [factor * tree.uncertainty for tree in trees]
+    rows.append(("combined", "", *(number(u, 3) for u in total), "100"))
+    rows.append(("expanded, k = 2", "", *(number(2.0 * u, 3) for u in total), ""))
+    return unit, ("<error", "<origin", *(b.loop for b in budgets), "variance, %"), rows
+
+
+def loops_table(
+    result: "DynamicBudget", point: str
+) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    """Return unit, heads and rows of the rms by source at a point, with a column for each loop."""
+    budgets = [b for b in result.budgets if b.point == point]
+    peaks = ["1" if b.margins is None else number(b.margins.sensitivity_peak, 3) for b in budgets]
+    rows = rms_rows(budgets, result.exposure, result.duration)
+    rows.append(("largest sensitivity", "1", *peaks))
+    return rms_unit(budgets)[1], ("<source", "<acts", *(b.loop for b in budgets)), rows
+
+
 def rms_rows(
-    budgets: "Sequence[PointBudget]", exposure: float | None = None
+    budgets: "Sequence[PointBudget]", exposure: float | None = None, duration: float | None = None
 ) -> list[tuple[str, ...]]:
     """Return the rms by source, a column for each budget, and that of all sources.
 
-    With an exposure [s] its moving average and moving standard deviation follow.
+    With an exposure [s] its moving average and moving standard deviation follow; with a duration
+    [s] the largest expected value, and the standard deviation of the rms of a record.
     """
     factor, _ = rms_unit(budgets)
 
@@ -438,4 +474,8 @@ def rms_rows(
         averages, deviations = zip(*(b.exposed(exposure) for b in budgets), strict=True)
         rows.append(row(f"average over {1e3 * exposure:g} ms", averages))
         rows.append(row(f"deviation in {1e3 * exposure:g} ms", deviations))
+    if duration is not None:
+        rows.append(row(f"largest in {duration:g} s", (b.peak(duration) for b in budgets)))
+        scatter = (b.total * b.spread(duration) for b in budgets)
+        rows.append(row(f"scatter of rms in {duration:g} s", scatter))
     return rows

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     import pandas
 
     from flexstage.control.dynamic_budget import DynamicBudget
-    from flexstage.control.environment import Environment
     from flexstage.export.request import ExportRequest, StageExport
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
     from flexstage.fem.superelement import SuperelementModel
     from flexstage.studies.stacks import StackAtWork
+    from flexstage.system.environment import Environment
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -328,7 +328,7 @@ def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
         raise ModelError(f"--model names no model: choose from {', '.join(MODELS)}")
     environment = None
     if request.environment is not None:
-        from flexstage.control.environment import read_environment
+        from flexstage.system.environment import read_environment
 
         environment = read_environment(request.environment)
     runs: dict[str, ModelRun] = {}
@@ -359,7 +359,7 @@ def analyse_model(stage: Stage, model: str, *, near: Stage | None = None) -> Ana
 def stage_budget(stage: Stage, request: BudgetRequest) -> "DynamicBudget":
     """Return the dynamic error budget of a stage by the model of a request."""
     from flexstage.control.dynamic_budget import dynamic_budget
-    from flexstage.control.environment import read_environment
+    from flexstage.system.environment import read_environment
 
     environment = read_environment(request.environment)
     budget = dynamic_budget(
@@ -369,6 +369,8 @@ def stage_budget(stage: Stage, request: BudgetRequest) -> "DynamicBudget":
         request.loop,
         axis=request.axis,
         exposure=request.exposure,
+        duration=request.duration,
+        wanted_rms=request.wanted_rms,
     )
     return replace(budget, request=request)
 
@@ -378,7 +380,7 @@ def open_budget(
 ) -> "DynamicBudget":
     """Return the dynamic error budget without control, by default at the probe of every axis."""
     from flexstage.control.dynamic_budget import dynamic_budget
-    from flexstage.control.environment import Point, SensorNoise
+    from flexstage.system.environment import Point, SensorNoise
 
     read = {s.spectrum.unit for s in environment.sources if isinstance(s, SensorNoise)}
     # noise of a sensor does nothing without control, but belongs to an axis of its unit

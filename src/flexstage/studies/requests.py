@@ -177,6 +177,14 @@ class BudgetRequest(Request):
     """Axis under control (default: the first)."""
     exposure: Annotated[Time, POSITIVE] | None = None
     """Also print moving average and moving standard deviation of this duration, such as "10 ms"."""
+    duration: Annotated[Time, POSITIVE] | None = None
+    """Also print the largest value expected in this time, such as "10 s", and how far the rms of a
+    record of it scatters.
+    """
+    wanted_rms: Annotated[float, DIMENSIONS["length"], POSITIVE, Written(bare="m")] | None = None
+    """Also print the smallest bandwidth that reaches this rms, such as "3 nm", by the gain of the
+    last loop.
+    """
     model: ModelName = "lumped"
     """Model of the stage."""
 

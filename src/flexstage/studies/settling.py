@@ -32,6 +32,7 @@ from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis import DriveModel, Lag, StageModes, ValidityRange
 from flexstage.hysteresis.chain.creep import Creep
+from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.hysteresis.requests import ModeTolerance
 from flexstage.records import Channel, Record
 from flexstage.records.record import SIMULATED
@@ -303,6 +304,17 @@ class _Bench:
                               axes=twin.parts, conditions=twin.conditions),
             True: twin,
         }  # fmt: skip
+        self.limited = twin
+        if amplifier.largest_rate is not None:
+            # the added voltages of other moves keep the limit themselves
+            named = twin.parts[self.number].drive
+            drives = tuple(
+                _slower(d, self.limits.slew) if d.name == named else d for d in twin.model.drives
+            )
+            self.limited = PiezoStage(
+                stage=stage, model=replace(twin.model, drives=drives), axes=twin.parts,
+                conditions=twin.conditions,
+            )  # fmt: skip
         self._predict()
 
     def _predict(self) -> None:
@@ -388,6 +400,8 @@ class _Bench:
     def _simulated(self, voltage: Array, target: Array | None) -> tuple[MoveResponse, float]:
         """Return the motion of the simulated stage from rest, and its largest voltage rate."""
         twin = self.twins[target is not None]
+        if target is not None and not voltage.any():
+            twin = self.limited
         rate, size = twin.sample_rate_hz, round(self.seconds * twin.sample_rate_hz)
         twin.reset()
         low, high = twin.limits[self.axis].voltage or (0.0, 0.0)
@@ -495,6 +509,11 @@ class _Bench:
                 f"within {1e3 * (last + 1) / self.plant.sample_rate_hz:.3g} ms; under control it "
                 "is included"
             )
+        alone = next(m.feedback for m in moves if m.kind == ALONE)
+        if alone.voltage_rate > 0.98 * self.limits.slew:
+            notes.append(
+                f"{ALONE}: the amplifier limits the simulated voltage; its prediction neglects that"
+            )
         # the slope of the hysteresis is smaller after a reversal than its mean
         times = [(m.kind, m.open_loop) for m in moves if m.open_loop is not None]
         steep = [kind for kind, t in times if t.voltage_rate > 1.02 * self.limits.slew]
@@ -505,6 +524,11 @@ class _Bench:
                 "by --amplifier"
             )
         return tuple(notes)
+
+
+def _slower(drive: ModelDrive, rate: float) -> ModelDrive:
+    """Return a drive whose amplifier is no faster than a rate [V/s]."""
+    return replace(drive, amplifier=replace(amplifier_of(drive), slew_limit=rate))
 
 
 def _extended(signal: Array, size: int) -> Array:

@@ -10,7 +10,6 @@ import numpy as np
 from flexstage.base import progress
 from flexstage.base.errors import ConvergenceError, ModelError, StageError
 from flexstage.base.short_repr import short_repr
-from flexstage.control.environment import Environment, read_environment, ready_environment
 from flexstage.files.cache.cache import Cache, open_cache
 from flexstage.files.cache.memory import Memory
 from flexstage.files.plain import picked
@@ -29,6 +28,7 @@ from flexstage.studies.requests import ModelOptions, Plane, StudyRequest
 from flexstage.studies.results import analysis_results, characteristic_row
 from flexstage.studies.virtual_experiments import carry_out
 from flexstage.system import Analysis
+from flexstage.system.environment import Environment, read_environment, ready_environment
 from flexstage.system.requests import models_of
 
 if TYPE_CHECKING:

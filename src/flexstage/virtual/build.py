@@ -28,6 +28,7 @@ from flexstage.stage.assumptions import (
 from flexstage.stage.limits import AxisLimits, stage_limits
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.characteristics import axis_mode
+from flexstage.system.environment import Environment
 from flexstage.system.servo import Notch, ServoSettings
 from flexstage.virtual.as_built import AsBuilt, as_built, loop_share
 from flexstage.virtual.imperfections import (
@@ -61,6 +62,7 @@ def virtual_stage(
     quiet: bool = False,
     scatter: bool = True,
     widths: NeckWidths | None = None,
+    environment: Environment | None = None,
 ) -> PiezoStage | ScrewStage:
     """Return a stage that runs sample by sample.
 
@@ -89,6 +91,9 @@ def virtual_stage(
         With manufacturing scatter.
     widths : NeckWidths, optional
         Measured necks: their bias, where no measured frequencies are published, and their scatter.
+    environment : Environment, optional
+        Sources of disturbance, drawn as signals in place of noise, mains, drift and steps; only
+        with piezo stacks.
 
     Returns
     -------
@@ -141,14 +146,20 @@ def virtual_stage(
         raise ModelError(
             f"a twin needs screws on all axes, or piezo stacks with a voltage range, got {kinds}"
         )
+    if screws and environment is not None:
+        raise ModelError(
+            f"the twin of '{stage.name}' has screws and is quasi-static, so no environment moves "
+            "it: omit the environment, or choose a stage with piezo stacks"
+        )
     process = Scatter() if widths is None else widths.scattered(Scatter())
     exact = as_built(stage, seed=seed, scatter=_EXACT, widths=widths)
     built = _manufactured(exact, model, seed, process if scatter else None, screws=screws)
     conditions = Conditions(
         sample_rate_hz=sample_rate_hz,
         seed=seed,
-        quiet=quiet,
+        quiet=quiet or environment is not None,
         scatter=scatter,
+        environment=environment,
         sensors=replace(SensorBench(), **EDDY_CURRENT_SENSORS) if screws else SensorBench(),
         hammer=Hammer(built, seed),
         notes=tuple(built.notes),

@@ -42,7 +42,9 @@ class ModeArrays(NamedTuple):
     """Modes of the stage with its stacks in place, stepped exactly."""
 
     force: Array
-    """Static deflection of each mode for a free displacement of 1 m, shape (axes, k)."""
+    """Static deflection of each mode for a free displacement of 1 m, and for a unit of each source
+    of disturbance, shape (axes + sources, k).
+    """
     transition: Array
     """Deflection and rate after a sample by those before: zz, zv, vz, vv, shape (4, k)."""
     moments: Array
@@ -102,7 +104,7 @@ class LoopState(NamedTuple):
     reading: Array
     """Last reading [m], shape (axes,)."""
     free: Array
-    """Last free displacement of the stack [m], shape (axes,)."""
+    """Last free displacement of the stack [m], then value of each source, (axes + sources,)."""
     modes: Array
     """Deflections, rates [per sample] and last forces of the modes [m], shape (3, k)."""
     servo: ServoState
@@ -120,6 +122,10 @@ class LoopSignals(NamedTuple):
     """Input: drift of the platform [m]."""
     noise: Array
     """Input: noise of the sensors [m]."""
+    hum: Array
+    """Input: noise of the voltages behind the amplifiers [V]."""
+    forced: Array
+    """Input: sources of disturbance, shape (sources, n)."""
     reading: Array
     """Output: reading of the sensors [m]."""
     position: Array
@@ -143,17 +149,22 @@ def run_loop(
 ) -> None:
     """Run the samples of the signals; the states change in place."""
     axes, n = signals.command.shape
-    rise = np.empty(axes)
+    rise = np.empty(state.free.size)
     local = np.empty(axes)  # positions by the modes alone
     for k in range(n):
         for a in range(axes):
             u = _amplify(
                 state.output[a], state.voltage[a], drives.step_ratio[a], drives.slew_threshold[a]
             )
-            state.voltage[a] = signals.voltage[a, k] = u
+            state.voltage[a] = u
+            u += signals.hum[a, k]
+            signals.voltage[a, k] = u
             free = step_stack(stacks, stack_state, a, u)
             rise[a] = free - state.free[a]
             state.free[a] = free
+        for s in range(axes, rise.size):
+            rise[s] = signals.forced[s - axes, k] - state.free[s]
+            state.free[s] = signals.forced[s - axes, k]
         _step_modes(modes, state.modes, rise)
         for a in range(axes):
             local[a] = _dot(modes.reader[a], state.modes[0])

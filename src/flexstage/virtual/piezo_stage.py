@@ -13,6 +13,14 @@ from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.stage import Stage
 from flexstage.stage.assumptions import LOOP_CONVERTER_BITS
 from flexstage.stage.limits import AxisLimits
+from flexstage.system import modes
+from flexstage.system.environment import (
+    BodyForce,
+    DriveVoltage,
+    GroundMotion,
+    NoiseSource,
+    SensorNoise,
+)
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.imperfections import GuideErrors
 from flexstage.virtual.laboratory import HammerImpact
@@ -71,13 +79,19 @@ def _drive_arrays(model: DynamicModel, parts: Sequence[PiezoAxis], *, quiet: boo
     return DriveArrays(*np.array(rows).T.copy())
 
 
-def _mode_arrays(model: DynamicModel, parts: Sequence[PiezoAxis]) -> ModeArrays:
+def _mode_arrays(
+    model: DynamicModel, parts: Sequence[PiezoAxis], sources: Sequence[NoiseSource]
+) -> ModeArrays:
     """Return the modes as arrays for the loop, padded to a multiple of 4."""
+    gains = [model.drive(p.drive).modal_gain for p in parts]
+    if sources:
+        shapes = modes(model.system, drives="in place", count=None).shapes
+        gains += [source.force(model.system) @ shapes / model.omega**2 for source in sources]
     step = unit_step(model.omega * model.step, model.damping_ratio)
     # the loop adds them up by fours
     padding = ((0, 0), (0, -model.omega.size % 4))
     return ModeArrays(
-        force=np.pad(np.array([model.drive(p.drive).modal_gain for p in parts]), padding),
+        force=np.pad(np.array(gains), padding),
         transition=np.pad(step.transition, padding),
         moments=np.pad(step.moments[:3], padding),
         reader=np.pad(model.probe_shapes[[model.row(p.probe) for p in parts]], padding),
@@ -91,6 +105,8 @@ def stack_of(drive: ModelDrive) -> VirtualStack:
     return drive.hysteresis
 
 
+#: Sources that move the stage itself.
+_FORCES = (GroundMotion, BodyForce)
 #: Largest number of filters of a servo.
 _FILTERS = 8
 
@@ -108,7 +124,8 @@ class PiezoStage(VirtualStage):
     below 1e-4 of the stroke up to 50 Hz at 10 kHz. Hysteresis does not depend on the force of the
     stack, and its capacitance is constant. Guide errors depend on the position alone. The sensors
     across an axis read the motion along the other axis; those out of the plane and of rotations
-    read the error motions of their own axis.
+    read the error motions of their own axis. The ground moves the base as a rigid body; sensors
+    stand on the base.
     """
 
     kind = "piezo"
@@ -126,7 +143,10 @@ class PiezoStage(VirtualStage):
         #: The axes, and the dynamic model at the loop rate.
         self.parts, self.model = tuple(axes), replace(model, step=1.0 / self.sample_rate_hz)
         drives = [model.drive(part.drive) for part in self.parts]
-        self._modes = _mode_arrays(self.model, self.parts)
+        self._sources = () if conditions.environment is None else conditions.environment.sources
+        self._require_drives()
+        self._moved = [k for k, s in enumerate(self._sources) if isinstance(s, _FORCES)]
+        self._modes = _mode_arrays(self.model, self.parts, [self._sources[k] for k in self._moved])
         self._stacks = stack_arrays(
             [stack_of(d) for d in drives], self.sample_rate_hz, creep=[d.creep for d in drives],
             charge=charge,
@@ -183,12 +203,15 @@ class PiezoStage(VirtualStage):
         self._servo.begins[:] = self._servo.begins & on | on & ~self._servo.on
         self._servo.on[:] = on
         drift, noise = self._disturbances.take(self._count, n)
+        hum, forced = self._source_signals(noise, n)
         reading = np.empty((len(self.channels), n))
         position, voltage, requested = (np.empty((axes, n)) for _ in range(3))
         run_loop(
             self._drives, self._stacks, self._stack_state, self._modes, self._sensors, self._servo,
             self._state,
-            LoopSignals(command, forward, drift, noise, reading, position, voltage, requested),
+            LoopSignals(
+                command, forward, drift, noise, hum, forced, reading, position, voltage, requested
+            ),
         )  # fmt: skip
         read_error_motions(
             self._source, self._rows, position, drift, noise, self._disturbances.gain,
@@ -199,6 +222,32 @@ class PiezoStage(VirtualStage):
         return StageSamples(
             time=time, reading=reading, position=position, voltage=voltage, command=requested
         )
+
+    def _source_signals(self, noise: Array, count: int) -> tuple[Array, Array]:
+        """Add noise of sensors; return noise of voltages, and sources that move the stage."""
+        hum = np.zeros((len(self.parts), count))
+        if self._shaking is None:
+            return hum, np.zeros((0, count))
+        for k, source in enumerate(self._sources):
+            for a, part in enumerate(self.parts):
+                # every sensor has its own noise
+                if isinstance(source, SensorNoise):
+                    noise[a] += self._shaking.take(k, self._count, count, stream=a)
+                elif isinstance(source, DriveVoltage) and source.drive == part.drive:
+                    hum[a] += self._shaking.take(k, self._count, count)
+        rows = [self._shaking.take(k, self._count, count) for k in self._moved]
+        return hum, np.array(rows).reshape(-1, count)
+
+    def _require_drives(self) -> None:
+        for source in self._sources:
+            drives = [part.drive for part in self.parts]
+            if isinstance(source, DriveVoltage) and source.drive not in drives:
+                raise ModelError(has_no("the twin", "drive", source.drive, drives))
+            if isinstance(source, SensorNoise) and source.spectrum.unit != "m":
+                raise ModelError(
+                    f"source '{source.name}' is noise in {source.spectrum.unit}, but the sensors "
+                    "of the axes of a twin read m: convert it"
+                )
 
     def strike(self, axis: str) -> HammerImpact:
         self._number(axis)
@@ -215,8 +264,10 @@ class PiezoStage(VirtualStage):
             resolution=float(self._disturbances.step[0]),
         )
         self._stack_state = relaxed_stacks(self._stacks)
+        self._shaking = self.conditions.shaking()
         self._state = LoopState(
-            *np.zeros((5, axes)),
+            *np.zeros((4, axes)),
+            free=np.zeros(axes + len(self._moved)),
             modes=np.zeros((3, self._modes.force.shape[1])),
             servo=ServoState(
                 integral=np.zeros(axes),

@@ -23,6 +23,7 @@ from flexstage.stage.assumptions import (
     POSITION_NOISE,
     TRANSVERSE_NOISE,
 )
+from flexstage.system.environment import Environment, GroundMotion, NoiseSource, SensorNoise
 from flexstage.virtual.imperfections import ANGLES, MOTIONS, GuideErrors, require_size
 
 
@@ -259,7 +260,7 @@ def read_error_motions(
 
 _BLOCK = 4096
 #: Random streams of one seed.
-_NOISE, _ROOM, _FIXED = 0, 1, 2
+_NOISE, _ROOM, _FIXED, _SOURCES = 0, 1, 2, 3
 
 
 class Disturbances:
@@ -332,6 +333,89 @@ class Disturbances:
 
     def _stream(self, *key: int) -> np.random.Generator:
         return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(7, *key)))
+
+
+class SourceSignals:
+    """Sources of an environment as stationary Gaussian signals, sample by sample.
+
+    Each is a sum of blocks that overlap by half, drawn with its density between the ends of the
+    band and weighted by a half sine, so that its variance is that of its density; lines are sines
+    of random phase. Ground motion becomes an acceleration.
+
+    Notes
+    -----
+    Validity: a block lasts four of the slowest periods of the band, but at most `longest` samples:
+    slower motion, and what lies above half the rate, is omitted. All signals but those of sensors
+    are raised by the square of a sinc, since the loop takes straight lines between samples.
+    """
+
+    def __init__(
+        self, environment: Environment, rate_hz: float, seed: int, *, longest: int = 2**19
+    ) -> None:
+        slowest = 4.0 * rate_hz / environment.band[0]
+        self._half = int(2.0 ** math.ceil(math.log2(min(slowest, float(longest))))) // 2
+        self._environment, self._rate, self._seed = environment, rate_hz, seed
+        self._blocks: dict[tuple[int, int, int], Array] = {}
+
+    def take(self, number: int, first: int, count: int, *, stream: int = 0) -> Array:
+        """Return the signal of source `number` from sample `first` on, shape (count,).
+
+        Different streams are independent signals of the source.
+        """
+        half, out, filled = self._half, self._hum(number, stream, first, count), 0
+        while filled < count:
+            block, start = divmod(first + filled, half)
+            at = start + np.arange(min(half - start, count - filled))
+            phase = 0.5 * np.pi * (at + 0.5) / half
+            before, now = (self._block(number, stream, b) for b in (block - 1, block))
+            out[filled : filled + at.size] += np.cos(phase) * before[half + at]
+            out[filled : filled + at.size] += np.sin(phase) * now[at]
+            filled += at.size
+        return out
+
+    def _scale(self, source: NoiseSource, f: Array) -> Array:
+        scale = np.ones_like(f)
+        if not isinstance(source, SensorNoise):
+            scale /= np.sinc(f / self._rate) ** 2
+        if isinstance(source, GroundMotion):
+            scale *= (2.0 * np.pi * f) ** source.derivatives
+        return scale
+
+    def _block(self, number: int, stream: int, block: int) -> Array:
+        key = (number, stream, block)
+        if key not in self._blocks:
+            size, rate = 2 * self._half, self._rate
+            source = self._environment.sources[number]
+            f = np.linspace(0.0, 0.5 * rate, self._half + 1)
+            low, high = self._environment.band
+            within = (f >= low) & (f <= high)
+            inside = f[within]
+            amplitude = np.zeros_like(f)
+            amplitude[within] = self._scale(source, inside) * np.sqrt(
+                0.25 * rate * size * source.density(inside)
+            )
+            draw = self._draws(*key).standard_normal((2, f.size))
+            # samples are taken in order: the last two blocks are enough
+            self._blocks = {
+                k: v for k, v in self._blocks.items() if k[:2] != key[:2] or k[2] == block - 1
+            }
+            self._blocks[key] = np.fft.irfft(amplitude * (draw[0] + 1j * draw[1]), n=size)
+        return self._blocks[key]
+
+    def _hum(self, number: int, stream: int, first: int, count: int) -> Array:
+        source, total = self._environment.sources[number], np.zeros(count)
+        lines = [line for line in source.spectrum.lines if line[0] < 0.5 * self._rate]
+        phases = self._draws(number, stream, -2).uniform(0.0, 2.0 * np.pi, len(lines))
+        for (f, variance), phase in zip(lines, phases, strict=True):
+            amplitude = math.sqrt(2.0 * variance) * self._scale(source, np.array([f]))[0]
+            turn = 2.0 * np.pi * f / self._rate * (first + np.arange(count))
+            total += amplitude * np.sin(turn + phase)
+        return total
+
+    def _draws(self, *key: int) -> np.random.Generator:
+        # a block before the first sample has the number -1
+        spawn_key = (7, _SOURCES, *(k + 2 for k in key))
+        return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=spawn_key))
 
 
 class _Room:

@@ -16,6 +16,7 @@ from flexstage.records import Channel, Record
 from flexstage.records.record import SIMULATED
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits
+from flexstage.system.environment import Environment
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.imperfections import GuideErrors
 from flexstage.virtual.laboratory import Hammer, HammerImpact
@@ -23,6 +24,7 @@ from flexstage.virtual.sensors import (
     ChannelDescription,
     Disturbances,
     SensorBench,
+    SourceSignals,
     error_motion_sources,
     kinds_of,
     neighbour,
@@ -68,6 +70,8 @@ class Conditions:
     """Without noise, mains, drift, and steps of converters and sensors."""
     scatter: bool = True
     """With random gain errors of its sensors."""
+    environment: Environment | None = None
+    """Sources of disturbance in place of noise, mains, drift and steps; the stage is quiet then."""
     sensors: SensorBench = field(default_factory=SensorBench)
     """Sensors."""
     hammer: Hammer | None = None
@@ -81,6 +85,12 @@ class Conditions:
             kinds_of(channels), self.sensors, self.sample_rate_hz, self.seed, quiet=self.quiet,
             scatter=self.scatter,
         )  # fmt: skip
+
+    def shaking(self) -> SourceSignals | None:
+        """Return the sources of its environment from time 0, or None."""
+        if self.environment is None:
+            return None
+        return SourceSignals(self.environment, self.sample_rate_hz, self.seed)
 
 
 class VirtualStage(ABC):

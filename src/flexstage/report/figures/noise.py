@@ -11,6 +11,7 @@ from flexstage.control.dynamic_budget import DynamicBudget
 from flexstage.control.measured_response import ResponseDesign
 from flexstage.measure.noise.hold import AllanDeviation, HoldNoise
 from flexstage.measure.noise.staircase import Staircase
+from flexstage.measure.uncertainty.propagate import Propagated
 from flexstage.quantities.quantity import prefixed
 from flexstage.report.figures.style import (
     CYCLE,
@@ -74,7 +75,8 @@ def draw_cumulative(result: DynamicBudget, *, loop: str = "", point: str = "") -
     """
     last = result.budget(loop, point)
     first = result.budget(result.budgets[0].loop, last.point)
-    figure, (density, amplitude) = panels(10.2, 3.9, 2, 2)
+    columns = 2 if last.tree is None else 3
+    figure, (density, amplitude, *bars) = panels(5.1 * columns, 3.9, columns, columns)
     factor, label = _scale(max(first.total, last.total), last.unit)
     for k, source in enumerate(last.sources):
         look = {"color": CYCLE[k % len(CYCLE)], "linewidth": 1.0}
@@ -101,7 +103,25 @@ def draw_cumulative(result: DynamicBudget, *, loop: str = "", point: str = "") -
     add_legend(amplitude, loc="upper left")
     set_title(density, f"{result.stage}, {last.point}: density by source, loop {last.loop}")
     set_title(amplitude, f"Cumulative amplitude: {factor * last.total:.3g} {label} in all")
+    if last.tree is not None:
+        _shares(bars[0], last.tree)
     return figure
+
+
+def _shares(axes: "Axes", tree: Propagated) -> None:
+    """Draw the shares of errors in the variance, the largest on top."""
+    lines = sorted(tree.lines, key=lambda line: line.share)
+    names, shares = [line.name for line in lines], [100.0 * line.share for line in lines]
+    axes.barh(names, shares, color=CYCLE[0])
+    for k, (line, share) in enumerate(zip(lines, shares, strict=True)):
+        factor, unit = _scale(line.uncertainty, line.unit)
+        axes.text(
+            share + 1.0, k, f"{factor * line.uncertainty:.3g} {unit}", va="center", fontsize=8
+        )
+    axes.set(xlim=(0.0, 130.0), xticks=[0, 50, 100])
+    factor, unit = _scale(tree.uncertainty, tree.estimate.unit)
+    label_axes(axes, "share of the variance [%]", "")
+    set_title(axes, f"Errors: {factor * tree.uncertainty:.3g} {unit} combined")
 
 
 def draw_loops(design: ResponseDesign) -> "Figure":

@@ -37,7 +37,7 @@ from flexstage.system.batch_analysis import quoted
 from flexstage.system.characteristics import axis_states
 
 if TYPE_CHECKING:
-    from flexstage.control.environment import Environment
+    from flexstage.system.environment import Environment
 
 # elongation [m] and force [N] of every drive of each axis at full stroke
 Forces = Mapping[str, Mapping[str, tuple[float, float]]]

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from flexstage.base.arrays import Array
 from flexstage.base.errors import FlexstageError, ModelError
 from flexstage.control.dynamic_budget import open_rms
-from flexstage.control.environment import Environment
 from flexstage.hinges import Profile, compliance, stress_rows
 from flexstage.hinges.hinge_spring import ROOT_REACH, PlaneState
 from flexstage.hinges.registry import with_neck_radius, with_neck_thickness
@@ -28,6 +27,7 @@ from flexstage.studies.explore.figures import NOISE_FIGURES, Figure
 from flexstage.system import analyse
 from flexstage.system.batch import SystemBatch, full_stiffness, full_vectors, sample_systems
 from flexstage.system.batch_analysis import batch_characteristics
+from flexstage.system.environment import Environment
 from flexstage.system.seated_drives import contact_forces
 from flexstage.virtual.imperfections import Scatter
 

@@ -10,7 +10,6 @@ from typing import Any
 from flexstage.base.choose import unknown
 from flexstage.base.errors import ModelError
 from flexstage.control.dynamic_budget import open_rms
-from flexstage.control.environment import Environment, read_environment
 from flexstage.files.request import read_number
 from flexstage.lumped import lumped_system
 from flexstage.quantities.units import parse
@@ -63,6 +62,7 @@ from flexstage.studies.explore.tolerance_choice import choose_tolerances
 from flexstage.studies.explore.variables import every_variable, listed, variables_of
 from flexstage.studies.explore.workers import Workers
 from flexstage.studies.models import analyse_model
+from flexstage.system.environment import Environment, read_environment
 from flexstage.virtual.imperfections import Scatter
 from flexstage.virtual.neck_widths import measured_necks
 

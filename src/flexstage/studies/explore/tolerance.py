@@ -14,7 +14,6 @@ from flexstage.base.errors import ModelError
 from flexstage.base.progress import hand_over, subtask
 from flexstage.base.provenance import Provenance, provenance
 from flexstage.base.short_repr import short_repr
-from flexstage.control.environment import Environment
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hinges.registry import with_neck_thickness
@@ -41,6 +40,7 @@ from flexstage.studies.explore.spread import (
 from flexstage.studies.explore.sweep import typical_seconds
 from flexstage.studies.explore.workers import Workers
 from flexstage.studies.models import analyse_model
+from flexstage.system.environment import Environment
 from flexstage.virtual.imperfections import Scatter
 
 #: Samples of a batch, for a computing time of a few tenths of a second.

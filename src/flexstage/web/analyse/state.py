@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from flexstage.studies.requests import ModelOptions
 from flexstage.system.mechanical import DriveCondition
-from flexstage.web.analyse.work import ModelResult
+from flexstage.web.analyse.work import ModelResult, NoiseResult
 from flexstage.web.design.state import Variant
 from flexstage.web.jobs import BackgroundJob
 
@@ -48,6 +48,14 @@ class AnalyseState:
     """Write fields for ParaView."""
     display: Display = field(default_factory=Display)
     """Displayed part of the results."""
+    environments: dict[str, str] = field(default_factory=dict)
+    """Text of the environment of a stage, by its name."""
+    loops: str = ""
+    """Loops to compare, separated by commas."""
+    noise_model: str = "lumped"
+    """Model of the noise."""
+    noise: dict[Variant, NoiseResult] = field(default_factory=dict)
+    """Noise of the last stage."""
     jobs: dict[Key, BackgroundJob] = field(default_factory=dict)
     """Running jobs."""
     errors: dict[Key, str] = field(default_factory=dict)

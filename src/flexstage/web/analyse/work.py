@@ -8,19 +8,22 @@ from pathlib import Path
 from typing import Any
 
 from flexstage.base import progress
+from flexstage.base.errors import ModelError
 from flexstage.files.names import file_name
-from flexstage.files.write import write_files
+from flexstage.files.write import write_files, write_whole
 from flexstage.quantities.characteristic import WHOLE_STAGE, Characteristic
 from flexstage.quantities.comparison import compare, kind_text, title_of
 from flexstage.quantities.quantity import Quantity, number
 from flexstage.quantities.table import Cell, Table, table
 from flexstage.report.figures.fields import draw_convergence
+from flexstage.report.figures.noise import draw_cumulative
 from flexstage.report.figures.surface import StageSurface, stage_surface
 from flexstage.report.result_files import analysis_files
-from flexstage.report.tables import cause_words, percent
+from flexstage.report.tables import cause_words, loops_table, percent, tree_table
 from flexstage.studies.models import run_models
-from flexstage.studies.requests import AnalyseRequest, ModelOptions
+from flexstage.studies.requests import AnalyseRequest, BudgetRequest, ModelOptions
 from flexstage.system import Analysis, DriveCondition, FrequencyResponse
+from flexstage.system.environment import crossover_of
 from flexstage.system.response import default_frequencies_hz, response_of_modes
 from flexstage.web.design.state import Variant
 from flexstage.web.pictures import inline
@@ -89,6 +92,52 @@ def analyse_variant(
         convergence=convergence,
         fields=None if run.mesh is None else fields,
         seconds=time.monotonic() - began,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseResult:
+    """Rms that an environment leaves at a stage, as `flexstage budget` prints it."""
+
+    tables: tuple[Table, ...]
+    """Rms by source and loop, and static errors, by point of interest."""
+    picture: str
+    """Cumulative amplitude of the last loop, for a page."""
+    notes: tuple[str, ...]
+    """Limits of validity."""
+
+
+def noise_of_variant(
+    variant: Variant, description: str, loops: str, model: str, folder: Path
+) -> NoiseResult:
+    """Compute the budget of a variant from the text of an environment, kept in a folder.
+
+    `loops` are crossovers or ``tune``, separated by commas.
+    """
+    from flexstage.studies.models import stage_budget
+
+    named = tuple(word.strip() for word in loops.split(",") if word.strip())
+    for word in named:
+        if word != "tune" and crossover_of(word) is None:
+            raise ModelError(f"a loop is a crossover such as '100 Hz', or tune, got '{word[:60]}'")
+    path = folder / "environment.yaml"
+    write_whole(path, description.encode())
+    request = BudgetRequest(environment=path, loop=named, model=model)  # type: ignore[arg-type]
+    result = stage_budget(variant.stage(), request)
+    displayed = []
+    for point in dict.fromkeys(b.point for b in result.budgets):
+        unit, heads, rows = loops_table(result, point)
+        displayed.append(table(f"{point}: rms in {unit}", heads, rows))
+        budgets = [b for b in result.budgets if b.point == point]
+        if budgets[-1].tree is not None:
+            unit, heads, rows = tree_table(budgets)
+            displayed.append(table(f"{point}: standard uncertainty in {unit}", heads, rows))
+    last = result.budgets[-1]
+    alt_text = f"Density and cumulative amplitude by source, loop {last.loop}"
+    return NoiseResult(
+        tables=tuple(displayed),
+        picture=inline(lambda: draw_cumulative(result), "noise", alt_text),
+        notes=result.notes,
     )
 
 

@@ -13,6 +13,7 @@ from flexstage.quantities.quantity import QUANTITIES, number
 from flexstage.report.tables import coupling_tables
 from flexstage.studies.models import fitting_options
 from flexstage.studies.requests import ModelOptions
+from flexstage.system.environment import ready_text
 from flexstage.web.analyse.bode import Bode
 from flexstage.web.analyse.shapes import NOTHING_YET, Shapes
 from flexstage.web.analyse.state import AnalyseState
@@ -24,14 +25,16 @@ from flexstage.web.analyse.work import (
     hinges_table,
     meshes_table,
     modes_table,
+    noise_of_variant,
     save_archive,
 )
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState, Variant
-from flexstage.web.figures import picture, show_table
+from flexstage.web.figures import picture, show_lines, show_table
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import Page, PanelHeading, div, panel, quiet_button, show_job
 from flexstage.web.request_form import RequestForm
+from flexstage.web.uploads import upload
 
 #: Quantities for a mesh refinement.
 _REFINED = ("natural_frequency_hz", "max_stress", "transmission_ratio", "output_stiffness")
@@ -216,9 +219,101 @@ class Convergence:
         self._start(model)
 
 
+#: Environment of a stage without an assumed one.
+_FLOOR = """environment: 1
+name: floor
+band: [1 Hz, 5 kHz]
+sources:
+  floor: {kind: ground, along: x, spectrum: {kind: vc, curve: C, slope_above: -5}}
+"""
+
+
+class Noise:
+    """Rms that an environment leaves, by source and loop.
+
+    Parameters
+    ----------
+    page
+        The page.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._state = page.session.state(AnalyseState)
+        self._design = page.session.state(DesignState)
+        self._variant = self._design.now
+        with div("full-width stacked"):
+            self._text = ui.textarea("Environment (YAML)", value=self._description())
+            self._text.props("rows=10 outlined input-style='font-family: monospace'")
+            self._text.classes("full-width").on_value_change(self._write)
+            upload(page, "Environment file", (".yaml", ".yml"), self._uploaded, view="analyse")
+            with div("fields"):
+                loops = ui.input("Loops, such as 50 Hz, tune").props("outlined dense")
+                loops.classes("full-width").bind_value(self._state, "loops")
+                models = {model: title_of(model) for model in MODEL_WORDS}
+                model = ui.select(models, label="Model").props("outlined dense options-dense")
+                model.classes("full-width").bind_value(self._state, "noise_model")
+            ui.button("Compute noise", icon="play_arrow", on_click=self._start).classes("own-width")
+        self._working = ui.element("div")
+        self._place = div("full-width stacked")
+
+    def _description(self) -> str:
+        """Return the environment of the stage: as written, assumed, or a floor."""
+        written = self._state.environments.get(self._variant.name)
+        if written is not None:
+            return written
+        with self._page.show_errors():
+            return ready_text(self._variant.stage()) or _FLOOR
+        return _FLOOR
+
+    def _write(self, event: events.ValueChangeEventArguments) -> None:
+        self._state.environments[self._variant.name] = event.value or ""
+
+    def _uploaded(self, path: Path) -> None:
+        self._text.value = path.read_text("utf-8")
+
+    def _start(self) -> None:
+        state, variant = self._state, self._variant
+        folder = self._page.panel.folder(f"analyse/{self._page.session.id}")
+        job = self._page.panel.jobs.start(
+            f"{variant.name}, noise", noise_of_variant, variant,
+            self._text.value or "", state.loops, state.noise_model, folder,
+            owner=self._page.session.id,
+        )  # fmt: skip
+
+        def finish(job: BackgroundJob) -> None:
+            if job.state == "done":
+                state.noise = {variant: job.result}
+                self.show({})
+
+        with self._working:
+            show_job(self._page, job, finish)
+
+    def show(self, results: dict[str, ModelResult]) -> None:
+        """Show the last result of the stage."""
+        del results
+        if self._variant != self._design.now:
+            self._variant = self._design.now
+            self._text.value = self._description()
+        self._place.clear()
+        result = self._state.noise.get(self._variant)
+        if result is None:
+            return
+        with self._place:
+            for rows in result.tables:
+                show_table(rows)
+            picture(result.picture)
+            show_lines(result.notes, "small")
+
+
 _FAST = "lumped"
 #: Parts of the results, and their icons.
-_PARTS = {"Shapes": "animation", "Bode": "ssid_chart", "Convergence": "trending_flat"}
+_PARTS = {
+    "Shapes": "animation",
+    "Bode": "ssid_chart",
+    "Convergence": "trending_flat",
+    "Noise": "graphic_eq",
+}
 
 
 def build(page: Page) -> None:
@@ -282,8 +377,10 @@ class AnalyseView:
             self._part = self._build_part(self._state.display.part)
             self._part.show(self._present_results())
 
-    def _build_part(self, part: str) -> Shapes | Bode | Convergence:
+    def _build_part(self, part: str) -> Shapes | Bode | Convergence | Noise:
         match part:
+            case "Noise":
+                return Noise(self._page)
             case "Bode":
                 return Bode(self._page)
             case "Convergence":

@@ -40,11 +40,13 @@ from flexstage.records.read import read_files
 from flexstage.records.record import SIMULATED
 from flexstage.stage import Stage
 from flexstage.stage.designs import design
+from flexstage.system.environment import read_environment
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.neck_widths import measured_necks
 from flexstage.virtual.stage import VirtualStage
 
-_OPTIONS = ("seed", "model", "servo_rate", "amplifier", "fast", "scatter", "quiet", "table")
+_OF_REQUEST = ("model", "servo_rate", "amplifier", "environment", "table")
+_OPTIONS = ("seed", *_OF_REQUEST, "fast", "scatter", "quiet")
 #: Line limit of a simulated controller, longer than that of a real one.
 _LONG_LINES = 16384
 _LONGEST_WAIT = 60.0
@@ -71,7 +73,7 @@ def open_twin(
     silence = longest_silence(timeout, _LONGEST_WAIT)
     request = TwinRequest(
         seed=whole_number(options, "seed", 0, address),
-        **_request_options(options, ("model", "servo_rate", "amplifier", "table"), address),
+        **_request_options(options, _OF_REQUEST, address),
         fast=flag(options, "fast", True, address),
         identity="flexstage",
     )
@@ -115,6 +117,7 @@ def simulated_controller(
         quiet=quiet,
         scatter=scatter,
         widths=measured_necks(request.widths, stage),
+        environment=request.environment and read_environment(request.environment),
     )
     if request.table is not None:
         from flexstage.centring.table_file import read_table
@@ -159,6 +162,7 @@ def played(
         sample_rate_hz=rate * max(1, round(request.servo_rate / rate)),
         amplifier=request.amplifier,
         widths=measured_necks(request.widths, stage),
+        environment=request.environment and read_environment(request.environment),
     )
     for file, record in zip(files, records, strict=True):
         if abs(record.sample_rate_hz - rate) > 1e-6 * rate:

@@ -22,16 +22,18 @@ from flexstage.files.decoder import read, read_file
 from flexstage.files.format import Format
 from flexstage.files.ranges import (
     NOT_NEGATIVE,
+    POSITIVE,
     CountOrZero,
     PositiveFrequency,
     Written,
     require_ranges,
 )
-from flexstage.quantities.units import Time, parse, si_unit
+from flexstage.quantities.sensor import SensorSpecification
+from flexstage.quantities.units import DIMENSIONS, Length, Time, parse, si_unit
 from flexstage.records.read_options import TextLayout
 from flexstage.records.text import read_text
 from flexstage.stage import Stage
-from flexstage.system.mechanical import STANDARD_GRAVITY, GroundDirection
+from flexstage.system.mechanical import STANDARD_GRAVITY, GroundDirection, MechanicalSystem
 from flexstage.system.servo import Notch, ServoSettings
 
 #: Whether a density counts positive frequencies alone, or negative ones as well.
@@ -285,6 +287,15 @@ class Quantiser(Spectrum):
     def density(self, f: Array) -> Array:
         return np.where(f < 0.5 * self.rate, self.step.value**2 / (6.0 * self.rate), 0.0)
 
+    def held_density(self, f: Array) -> Array:
+        r"""Return the density of a converter that holds each value.
+
+        .. math:: S = \frac{q^2}{6 f_s} \mathrm{sinc}^2(\pi f/f_s)
+
+        at all frequencies, with the variance :math:`q^2/12` over them.
+        """
+        return self.step.value**2 / (6.0 * self.rate) * np.sinc(f / self.rate) ** 2
+
     @property
     def jumps(self) -> tuple[float, ...]:
         return (0.5 * self.rate,)
@@ -435,6 +446,17 @@ class NoiseSource:
         """Return the SI units that its spectrum may have."""
         return self.units
 
+    def density(self, f: Array) -> Array:
+        """Return its one-sided density at frequencies [Hz], in unit^2/Hz."""
+        return self.spectrum.density(f)
+
+    def force(self, system: MechanicalSystem) -> Array:
+        """Return the force on each coordinate for a unit of it, drives in place, shape (n,).
+
+        Of the ground it is that for a unit of its acceleration; zero of sensors and voltages.
+        """
+        return np.zeros(system.order)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundMotion(NoiseSource):
@@ -448,6 +470,15 @@ class GroundMotion(NoiseSource):
         # no unit of rad/s^2 is known
         return ("rad", "rad/s") if self.along == "rotation" else ("m", "m/s", "m/s^2")
 
+    @property
+    def derivatives(self) -> int:
+        """Number of derivatives from its spectrum to an acceleration."""
+        unit = self.spectrum.unit
+        return 0 if unit.endswith("/s^2") else 1 if unit.endswith("/s") else 2
+
+    def force(self, system: MechanicalSystem) -> Array:
+        return -system.base_force(self.along, "in place")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyForce(NoiseSource):
@@ -460,6 +491,12 @@ class BodyForce(NoiseSource):
     along: Literal["x", "y"]
     """Its direction."""
 
+    def force(self, system: MechanicalSystem) -> Array:
+        force = system.body(self.body).matrix["xy".index(self.along)]
+        if not np.any(force):
+            raise ModelError(f"source '{self.name}': body '{self.body}' is fixed: name another")
+        return force
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveVoltage(NoiseSource):
@@ -469,6 +506,11 @@ class DriveVoltage(NoiseSource):
     units: ClassVar[tuple[str, ...]] = ("V",)
     drive: str
     """The drive."""
+
+    def density(self, f: Array) -> Array:
+        if isinstance(self.spectrum, Quantiser):
+            return self.spectrum.held_density(f)
+        return self.spectrum.density(f)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -489,6 +531,27 @@ class Point:
     """The probe."""
     relative_to: str = "base"
     """base, on which the stage stands; room, which does not move; or another probe."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StaticErrors:
+    """Causes of errors that do not vibrate, for a tree of errors with the rms."""
+
+    temperature: Annotated[float, DIMENSIONS["temperature"], NOT_NEGATIVE] = 0.0
+    """Half the range of the change of temperature [K]."""
+    travel: Annotated[Length, POSITIVE] | None = None
+    """Travel over which errors that grow with it count [m]; the stroke of the axis by default."""
+    creep: Annotated[float, NOT_NEGATIVE] = 0.0
+    """Creep in the time that counts, over the travel [1]; control removes it."""
+    hysteresis: Annotated[float, NOT_NEGATIVE] = 0.0
+    """Half the range of what an inverse leaves of the hysteresis, over the travel [1]; control
+    removes it.
+    """
+    sensor: SensorSpecification | None = None
+    """Sensor of the loop, and its place."""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, ModelError, "static errors")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -513,6 +576,8 @@ class Environment:
     """Sources."""
     points: tuple[Point, ...] = ()
     """Points of interest; by default the probe of the axis against the base."""
+    static: StaticErrors | None = None
+    """Causes of static errors."""
     folder: Path = Path()
     """Folder of its files; not in the file."""
 
@@ -564,14 +629,19 @@ def read_environment(path: str | os.PathLike[str]) -> Environment:
 
 def ready_environment(stage: Stage) -> Environment | None:
     """Return the assumed environment of a built-in stage, by its axes in their order; else None."""
+    text = ready_text(stage)
+    return None if text is None else environment_from_text(text, f"{stage.name}.yaml")
+
+
+def ready_text(stage: Stage) -> str | None:
+    """Return the description of the assumed environment of a built-in stage; else None."""
     ready = {path.stem: path for path in (Path(__file__).parent / "ready").glob("*.yaml")}
     if stage.name not in ready or len(stage.axes) != len("xy"):
         return None
     parts = {}
     for letter, axis in zip("xy", stage.axes, strict=True):
         parts |= {letter: axis.name, f"{letter}_drive": axis.drive, f"{letter}_probe": axis.probe}
-    text = Template(ready[stage.name].read_text("utf-8")).substitute(parts)
-    return environment_from_text(text, ready[stage.name].name)
+    return Template(ready[stage.name].read_text("utf-8")).substitute(parts)
 
 
 def environment_from_text(text: str, source: str = "environment") -> Environment:
