@@ -17,7 +17,8 @@ from scipy.linalg import solve_continuous_lyapunov
 from flexstage.base.errors import ModelError
 from flexstage.control.design import force_feedback, position_filter
 from flexstage.control.environment import PositionLoop, read_loop
-from flexstage.control.measured_response import ResponseDesign, tune_response, tune_stage
+from flexstage.control.measured_response import ResponseDesign, tune_response
+from flexstage.control.tuning import tune_stage
 from flexstage.lumped import lumped_system
 from flexstage.measure.requests import TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
@@ -168,7 +169,9 @@ def test_the_rms_in_a_damped_loop_is_that_of_lyapunov(integral, proportional, in
 
 def tuned(kind: str) -> ResponseDesign:
     request = replace(TuneRequest(goal="noise"), control=kind)
-    return tune_stage(PIEZO, one_mass(spring=SPRING), request)
+    made = tune_stage(PIEZO, one_mass(spring=SPRING), request)
+    assert isinstance(made, ResponseDesign)
+    return made
 
 
 def largest_pole(made: ResponseDesign, gain: float, shift: float) -> float:
@@ -239,6 +242,7 @@ def test_active_damping_quietens_the_piezo_stage_and_passes_through_a_file(tmp_p
     )
     path = tmp_path / "loop.yaml"
     found = tune_stage(PIEZO, system, TuneRequest(control="ppf", goal="noise"))
+    assert isinstance(found, ResponseDesign)
     path.write_text(found.loop_file())
     loop = read_loop(path)
     assert loop.damping == found.loop.damping

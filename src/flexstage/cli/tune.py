@@ -23,6 +23,7 @@ from flexstage.records.read_options import ReadOptions
 
 if TYPE_CHECKING:
     from flexstage.control.measured_response import ResponseDesign
+    from flexstage.control.tuning import AxesDesign
     from flexstage.system.servo import InnerLoop
 
 
@@ -54,7 +55,8 @@ def tune(
     figure
         Draw open loops and sensitivities of the set (.svg, .png or .pdf).
     """
-    from flexstage.control.measured_response import tune_files
+    from flexstage.control.measured_response import ResponseDesign
+    from flexstage.control.tuning import tune_files
     from flexstage.studies.models import stage_tuning
 
     options.require_stage(stage, "a STAGE")
@@ -65,17 +67,24 @@ def tune(
             else stage_tuning(options.stage(stage), request)
         )
     files = write_picture(figure, design.plot)
+    axes = {"": design} if isinstance(design, ResponseDesign) else design.by_axis
     if out is not None:
-        write_file(out, design.loop_file().encode())
-        files = [out, *files]
+        written = []
+        for name, axis in axes.items():
+            written.append(out.with_name(f"{out.stem}-{name}{out.suffix}") if name else out)
+            write_file(written[-1], axis.loop_file().encode())
+        files = [*written, *files]
     if json:
         print_result(design.to_dict(), files)
         return
-    _print(design)
+    for name, axis in axes.items():
+        _print(axis, f"{name}: " if name else "")
+    if not isinstance(design, ResponseDesign):
+        _print_axes(design)
     print_notes(console(), design.notes, files)
 
 
-def _print(design: "ResponseDesign") -> None:
+def _print(design: "ResponseDesign", of: str) -> None:
     screen, settings = console(), design.loop.settings
     above, _, below = design.unit.partition("/")
     inner = design.loop.damping
@@ -101,7 +110,9 @@ def _print(design: "ResponseDesign") -> None:
     if inner is not None:
         rows += _inner_rows(inner, gain)
     rate = design.loop.sample_rate
-    print_table(screen, f"{design.loop.name} at {rate:g} Hz", ("<setting", "value", "<unit"), rows)
+    print_table(
+        screen, f"{of}{design.loop.name} at {rate:g} Hz", ("<setting", "value", "<unit"), rows
+    )
     nominal, worst = design.nominal, design.worst
     lines = (
         ("gain margin", "gain_margin", 1.0, "1"),
@@ -117,7 +128,7 @@ def _print(design: "ResponseDesign") -> None:
     ]
     print_table(
         screen,
-        f"margins of the measurement, and the worst of {len(design.members)} responses",
+        f"{of}margins of the measurement, and the worst of {len(design.members)} responses",
         ("<margin", "measured", "worst", "<unit"),
         table,
     )
@@ -134,3 +145,33 @@ def _inner_rows(inner: "InnerLoop", gain: str) -> list[tuple[str, str, str]]:
         ("its filter", f"{inner.frequency_hz:.5g}", "Hz"),
         ("damping of its filter", f"{inner.damping_ratio:.4g}", "1"),
     ]
+
+
+def _print_axes(design: "AxesDesign") -> None:
+    found, screen = design.decoupling, console()
+    print_table(
+        screen,
+        f"voltages by the commands of the axes, from the response at {found.frequency_hz:.4g} Hz",
+        ("<voltage", *found.outputs),
+        [
+            (name, *(f"{value:.4g}" for value in row))
+            for name, row in zip(found.inputs, found.matrix.tolist(), strict=True)
+        ],
+    )
+    ends = ("at the lowest line", 0), ("at its frequency", found.at), ("largest", None)
+    rows = [
+        (
+            f"{where}, {label}",
+            *(f"{v:.3g}" for v in (values.max(axis=0) if line is None else values[line])),
+        )
+        for where, line in dict(ends).items()
+        for label, values in (("before", found.before), ("after", found.after))
+    ]
+    print_table(screen, "cross-talk, over the own motion", ("<cross-talk", *found.outputs), rows)
+    peak = max(one.sensitivity_peak for one in design.whole)
+    print_table(
+        screen,
+        f"all axes together, the worst of {len(design.whole)} responses",
+        ("<margin", "worst", "<unit"),
+        [("largest singular value of the sensitivity", f"{peak:.4g}", "1")],
+    )

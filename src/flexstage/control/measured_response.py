@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,7 +26,6 @@ from flexstage.control.environment import LOOP_FILE, PositionLoop
 from flexstage.control.loop_plant import (
     LoopPlant,
     Margins,
-    controlled_axis,
     is_stable,
     margins_of,
     negative_crossings,
@@ -37,7 +35,6 @@ from flexstage.control.response_set import (
     force_zero,
     require_band,
     response_set,
-    stage_response,
     strongest_mode,
     surrogate,
     unit_of,
@@ -45,18 +42,16 @@ from flexstage.control.response_set import (
 from flexstage.files.encoder import Encoder
 from flexstage.files.plain import plain
 from flexstage.files.result import Result
-from flexstage.measure.frf import FrfResult, frf_of_files
-from flexstage.measure.requests import FrfRequest, TuneRequest
+from flexstage.measure.requests import TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
-from flexstage.records.read_options import ReadOptions
-from flexstage.stage import Stage
-from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.servo import (
     ForceFeedback,
     InnerLoop,
     Lead,
     PositionFeedback,
     ServoSettings,
+    parallel_gains,
+    pi_parameters,
 )
 
 
@@ -125,6 +120,11 @@ class ResponseDesign(Result):
         """Return the response of the open loop of a member."""
         return _gains(self.loop, member)[0]
 
+    def with_gain(self, factor: float) -> "ResponseDesign":
+        """Return the design with the gain of its control raised by a factor, and its margins."""
+        loop = _with_gain(self.loop, factor)
+        return replace(self, loop=loop, margins=[_margins(m, loop) for m in self.members])
+
     def loop_file(self) -> str:
         """Return the control as a YAML file of a loop, as ``budget --loop`` reads it.
 
@@ -143,8 +143,8 @@ class ResponseDesign(Result):
             "unit": self.unit,
             "settings": plain(loop.settings),
             "damping": inner and {"kind": inner.kind} | plain(inner),
-            "pid": _parallel(loop.settings),
-            "pi_parameters": None if inner or self.unit != "m/V" else _pi_parameters(loop.settings),
+            "pid": parallel_gains(loop.settings),
+            "pi_parameters": None if inner or self.unit != "m/V" else pi_parameters(loop.settings),
             "sample_rate_hz": rate,
             "delay": loop.latency,
             "sections": loop.settings.sections(rate).tolist(),
@@ -155,76 +155,6 @@ class ResponseDesign(Result):
             ],
             "notes": list(self.notes),
         }
-
-
-def _parallel(settings: ServoSettings) -> dict[str, float] | None:
-    """Return the parallel gains of a PID without notches and low-pass, or None."""
-    if settings.second_integral_hz is not None or len(settings.leads) > 1:
-        return None
-    p, i = settings.proportional, settings.integral
-    zero, pole = 0.0, 0.0
-    for lead in settings.leads:
-        zero, pole = (0.5 / (math.pi * f) for f in (lead.zero_hz, lead.pole_hz))
-    proportional = p + i * (zero - pole)
-    return {
-        "proportional": proportional,
-        "integral": i,
-        "derivative": p * zero - proportional * pole,
-        "derivative_time_constant": pole,
-    }
-
-
-def _pi_parameters(settings: ServoSettings) -> dict[str, float] | None:
-    """Return the parameters of a controller by Physik Instrumente, units as of its axis in um.
-
-    None for a control with a filter that its parameters do not have.
-    """
-    if settings.leads or settings.lowpass_hz or settings.second_integral_hz:
-        return None
-    numbers = {
-        "0x07000300": 1e-6 * settings.proportional,
-        "0x07000301": 1e-6 * settings.integral,
-    }
-    for slot, notch in enumerate(settings.notches):
-        numbers |= {
-            f"0x0800010{slot}": notch.frequency_hz,
-            f"0x0800020{slot}": notch.zero_damping / notch.pole_damping,
-            f"0x0800030{slot}": 2.0 * notch.pole_damping,
-        }
-    return numbers
-
-
-def tune_files(request: TuneRequest, how: ReadOptions = ReadOptions()) -> ResponseDesign:
-    """Return the control for measured files, as the command ``tune`` does."""
-    reading = FrfRequest(
-        input=request.input,
-        output=request.output,
-        response=request.response,
-        resolution=request.resolution,
-        fit_modes=0,
-    )
-    if not request.frf:
-        raise ModelError("nothing to tune on: give a STAGE, or measured responses by --frf")
-    responses = []
-    for path, one in zip(request.frf, how.of_each(len(request.frf)), strict=True):
-        result = frf_of_files([Path(path)], reading, one)
-        assert isinstance(result, FrfResult)
-        responses.append(replace(result.response, source=Path(path).name))
-    return tune_response(responses, request)
-
-
-def tune_stage(stage: Stage, system: MechanicalSystem, request: TuneRequest) -> ResponseDesign:
-    """Return the control for the response of a stage by its model, its drives in place.
-
-    The delay, by default one sample, is without the hold, which the response has.
-    """
-    if request.frf:
-        raise ModelError("tune on the model of a stage or on measured responses: omit one of both")
-    axis = controlled_axis(stage, request.axis).name
-    force = request.control == "iff"
-    response = stage_response(stage, system, (axis,), request.servo_rate, force=force)
-    delay = 1.0 / request.servo_rate if request.delay is None else request.delay
-    return tune_response([response], replace(request, delay=delay))
 
 
 def tune_response(responses: Sequence[MeasuredResponse], request: TuneRequest) -> ResponseDesign:

@@ -156,12 +156,8 @@ def response_set(
         for o in range(outputs):
             columns.append((f"{response.source} {response.outputs[o]}".strip(), response, o))
     single = len(columns) == 1
-    shift = (
-        request.shift
-        if request.shift is not None
-        else (Requirements().frequency_scatter if single else 0.0)
-    )
-    shifts = np.linspace(-shift, shift, _GRID.shifts if shift else 1)
+    shifts = shifts_of(request, single=single)
+    shift = float(shifts[-1])
     measured, members, origins = [], [], []
     for name, response, o in columns:
         highest = 0.5 * request.servo_rate
@@ -182,7 +178,7 @@ def response_set(
         if radius.any():
             angles = np.arange(_GRID.directions) * 2.0 * np.pi / _GRID.directions
             factors += [(np.exp(1j * a), f", error at {math.degrees(a):.0f} deg") for a in angles]
-        dense, values = _dense(f, one.response[:, [o, 1] if by_force else [o], 0])
+        dense, values = dense_response(f, one.response[:, [o, 1] if by_force else [o], 0])
         relative = np.interp(dense, f, radius / np.abs(h))
         for s, (factor, error) in itertools.product(shifts.tolist(), factors):
             shifted = f", frequencies {100.0 * s:+.2g} %" if s else ""
@@ -203,6 +199,13 @@ def response_set(
     if shift:
         notes.append(f"all frequencies may be {100.0 * shift:.3g} % off (--shift)")
     return measured, members, tuple(notes)
+
+
+def shifts_of(request: TuneRequest, *, single: bool) -> Array:
+    """Return the relative shifts of all frequencies."""
+    assumed = Requirements().frequency_scatter if single else 0.0
+    shift = assumed if request.shift is None else request.shift
+    return np.linspace(-shift, shift, _GRID.shifts if shift else 1)
 
 
 def _radius(
@@ -232,8 +235,13 @@ def _radius(
     return share * size, origin
 
 
-def _dense(f: Array, responses: Complex) -> tuple[Array, Complex]:
-    """Return responses, shape (k, m), at lines close enough for straight lines."""
+def dense_response(
+    f: Array, responses: Complex, steepest: float = math.pi
+) -> tuple[Array, Complex]:
+    """Return responses, shape (k, m), at lines close enough for straight lines.
+
+    A larger fall of the phase than the steepest [rad] is noise, and not the circle of a mode.
+    """
     turn = np.angle(responses[1:] / responses[:-1])
     widest = np.abs(turn).max(axis=1)
     parts = np.maximum(widest / _GRID.turn, np.log(f[1:] / f[:-1]) / _GRID.ratio)
@@ -244,7 +252,8 @@ def _dense(f: Array, responses: Complex) -> tuple[Array, Complex]:
     here, there, along = responses[at], responses[at + 1], share[:, None]
     straight = here + along * (there - here)
     inverse = 1.0 / (1.0 / here + along * (1.0 / there - 1.0 / here))
-    values = np.where(turn[at] < 0.0, inverse, straight)
+    falls = (turn < 0.0) & (turn >= -steepest)
+    values = np.where(falls[at], inverse, straight)
     return dense, np.append(values, responses[-1:], axis=0)
 
 

@@ -219,6 +219,12 @@ class TuneRequest(Request):
     ppf and iff damp the resonance by an inner loop: positive position feedback, integral force
     feedback (with the force in the stack as the second output).
     """
+    decouple: Annotated[
+        float, DIMENSIONS["frequency"], NOT_NEGATIVE, Written(bare="Hz")
+    ] | None = None  # fmt: skip
+    """Control all axes, decoupled by a constant matrix from the responses at this frequency, such
+    as "0 Hz" for those of the lowest line.
+    """
     goal: Literal["rejection", "noise", "bandwidth"] = "rejection"
     """Least error after small steps of the drive, least rms by its white noise, which damps the
     resonance most, or largest bandwidth.

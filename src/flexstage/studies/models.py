@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from flexstage.control.dynamic_budget import DynamicBudget
     from flexstage.control.environment import Environment
     from flexstage.control.measured_response import ResponseDesign
+    from flexstage.control.tuning import AxesDesign
     from flexstage.export.request import ExportRequest, StageExport
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
@@ -375,9 +376,9 @@ def stage_budget(stage: Stage, request: BudgetRequest) -> "DynamicBudget":
     return replace(budget, request=request)
 
 
-def stage_tuning(stage: Stage, request: TuneRequest) -> "ResponseDesign":
+def stage_tuning(stage: Stage, request: TuneRequest) -> "ResponseDesign | AxesDesign":
     """Return the position control for the model of a stage."""
-    from flexstage.control.measured_response import tune_stage
+    from flexstage.control.tuning import tune_stage
 
     return tune_stage(stage, analyse_model(stage, request.model).system, request)
 

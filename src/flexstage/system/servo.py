@@ -254,3 +254,40 @@ def _below_nyquist(frequency_hz: float, sample_rate_hz: float) -> float:
             f"{sample_rate_hz:g} Hz"
         )
     return frequency_hz
+
+
+def parallel_gains(settings: ServoSettings) -> dict[str, float] | None:
+    """Return the parallel gains of a PID without notches and low-pass, or None."""
+    if settings.second_integral_hz is not None or len(settings.leads) > 1:
+        return None
+    p, i = settings.proportional, settings.integral
+    zero, pole = 0.0, 0.0
+    for lead in settings.leads:
+        zero, pole = (0.5 / (math.pi * f) for f in (lead.zero_hz, lead.pole_hz))
+    proportional = p + i * (zero - pole)
+    return {
+        "proportional": proportional,
+        "integral": i,
+        "derivative": p * zero - proportional * pole,
+        "derivative_time_constant": pole,
+    }
+
+
+def pi_parameters(settings: ServoSettings) -> dict[str, float] | None:
+    """Return the parameters of a controller by Physik Instrumente, units as of its axis in um.
+
+    None for a control with a filter that its parameters do not have.
+    """
+    if settings.leads or settings.lowpass_hz or settings.second_integral_hz:
+        return None
+    numbers = {
+        "0x07000300": 1e-6 * settings.proportional,
+        "0x07000301": 1e-6 * settings.integral,
+    }
+    for slot, notch in enumerate(settings.notches):
+        numbers |= {
+            f"0x0800010{slot}": notch.frequency_hz,
+            f"0x0800020{slot}": notch.zero_damping / notch.pole_damping,
+            f"0x0800030{slot}": 2.0 * notch.pole_damping,
+        }
+    return numbers
