@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from flexstage.base.errors import FlexstageError, ModelError, RecordError
 from flexstage.centring.requests import CentreRequest
 from flexstage.cli.options import from_docstring
-from flexstage.experiments.campaign.requests import CharacteriseRequest, SensorUncertainty
+from flexstage.experiments.requests import CharacteriseRequest, SensorUncertainty
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.ranges import POSITIVE, PositiveFrequency, Range, Written

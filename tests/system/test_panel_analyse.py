@@ -19,8 +19,8 @@ from flexstage.studies.models import MODELS, fitting_options, run_model
 from flexstage.studies.requests import ModelOptions
 from flexstage.web.analyse.bode import reading, readings_table
 from flexstage.web.analyse.shapes import state_data, surface_data
-from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import (
+    AnalyseState,
     ModelResult,
     analyse_variant,
     figures_tables,

@@ -22,9 +22,9 @@ from flexstage.centring.requests import CalibrateRequest
 from flexstage.cli import main
 from flexstage.elasticity.requests import PartRequest
 from flexstage.experiments import dry_run, find_plan, read_plan
-from flexstage.experiments.campaign.requests import CharacteriseRequest, SensorUncertainty
 from flexstage.experiments.campaign.results import characterise_files
 from flexstage.experiments.excitations import excitation_of
+from flexstage.experiments.requests import CharacteriseRequest, SensorUncertainty
 from flexstage.fem.part_analysis import part_result
 from flexstage.files.request import Request, recorded, request_of
 from flexstage.files.result import Result

@@ -20,7 +20,7 @@ from flexstage.cli.output import (
     progress_bar,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
-from flexstage.experiments.campaign.requests import CharacteriseRequest
+from flexstage.experiments.requests import CharacteriseRequest
 from flexstage.files.plain import json_text
 from flexstage.files.request import option_words
 from flexstage.studies.requests import ComparisonRequest

@@ -1,7 +1,9 @@
-"""`flexstage tune`: position control from a measured frequency response."""
+"""`flexstage tune`: position control from a stage or a measured frequency response."""
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
@@ -15,53 +17,79 @@ from flexstage.cli.output import (
     write_file,
     write_picture,
 )
+from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions, designs_like
 from flexstage.measure.requests import TuneRequest
 from flexstage.records.read_options import ReadOptions
 
 if TYPE_CHECKING:
     from flexstage.control.measured_response import ResponseDesign
+    from flexstage.control.tuning import AxesDesign
+    from flexstage.system.servo import InnerLoop
 
 
 @from_docstring
 def tune(
+    stage: Annotated[
+        str | None, typer.Argument(autocompletion=designs_like, show_default=False)
+    ] = None,
     *,
     request: TuneRequest,
+    options: StageOptions = AS_DESCRIBED,
     read_options: ReadOptions,
     out: OutputFile = None,
     figure: FigureFile = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Tune a position control on a measured frequency response.
+    """Tune a position control on a stage or a measured response.
 
-    No model is fitted. The margins hold for every member of a set: all repetitions, with their
-    uncertainty and with shifted frequencies.
+    No model is fitted to a response. The margins hold for every member of a set: all repetitions,
+    with their uncertainty and with shifted frequencies.
 
     Parameters
     ----------
+    stage
+        [STAGE]: A stage file, or the name of a built-in design.
     out
         Write the control as a file for budget --loop (.yaml).
     figure
         Draw open loops and sensitivities of the set (.svg, .png or .pdf).
     """
-    from flexstage.control.measured_response import tune_files
+    from flexstage.control.measured_response import ResponseDesign
+    from flexstage.control.tuning import tune_files
+    from flexstage.studies.models import stage_tuning
 
+    options.require_stage(stage, "a STAGE")
     with progress_bar("tune", quiet=quiet):
-        design = tune_files(request, read_options)
+        design = (
+            tune_files(request, read_options)
+            if stage is None
+            else stage_tuning(options.stage(stage), request)
+        )
     files = write_picture(figure, design.plot)
+    axes = {"": design} if isinstance(design, ResponseDesign) else design.by_axis
     if out is not None:
-        write_file(out, design.loop_file().encode())
-        files = [out, *files]
+        written = []
+        for name, axis in axes.items():
+            written.append(out.with_name(f"{out.stem}-{name}{out.suffix}") if name else out)
+            write_file(written[-1], axis.loop_file().encode())
+        files = [*written, *files]
     if json:
         print_result(design.to_dict(), files)
         return
-    _print(design)
+    for name, axis in axes.items():
+        _print(axis, f"{name}: " if name else "")
+    if not isinstance(design, ResponseDesign):
+        _print_axes(design)
     print_notes(console(), design.notes, files)
 
 
-def _print(design: "ResponseDesign") -> None:
+def _print(design: "ResponseDesign", of: str) -> None:
     screen, settings = console(), design.loop.settings
     above, _, below = design.unit.partition("/")
+    inner = design.loop.damping
+    if inner is not None and inner.kind == "iff":
+        below = "N"  # the control commands a force
     gain = f"{below}/{above}" if below else "input/output"
     rows = [
         ("proportional gain", f"{settings.proportional:.5g}", gain),
@@ -79,8 +107,12 @@ def _print(design: "ResponseDesign") -> None:
         ("second integral below", settings.second_integral_hz),
     )
     rows += [(name, f"{corner:.5g}", "Hz") for name, corner in corners if corner is not None]
+    if inner is not None:
+        rows += _inner_rows(inner, gain)
     rate = design.loop.sample_rate
-    print_table(screen, f"{design.loop.name} at {rate:g} Hz", ("<setting", "value", "<unit"), rows)
+    print_table(
+        screen, f"{of}{design.loop.name} at {rate:g} Hz", ("<setting", "value", "<unit"), rows
+    )
     nominal, worst = design.nominal, design.worst
     lines = (
         ("gain margin", "gain_margin", 1.0, "1"),
@@ -96,7 +128,50 @@ def _print(design: "ResponseDesign") -> None:
     ]
     print_table(
         screen,
-        f"margins of the measurement, and the worst of {len(design.members)} responses",
+        f"{of}margins of the measurement, and the worst of {len(design.members)} responses",
         ("<margin", "measured", "worst", "<unit"),
         table,
+    )
+
+
+def _inner_rows(inner: "InnerLoop", gain: str) -> list[tuple[str, str, str]]:
+    """Return the rows of an inner loop; `gain` is the unit of that by position."""
+    from flexstage.system.servo import PositionFeedback
+
+    if not isinstance(inner, PositionFeedback):
+        return [("gain of the inner loop", f"{inner.gain:.5g}", "V/N/s")]
+    return [
+        ("gain of the inner loop", f"{inner.gain:.5g}", gain),
+        ("its filter", f"{inner.frequency_hz:.5g}", "Hz"),
+        ("damping of its filter", f"{inner.damping_ratio:.4g}", "1"),
+    ]
+
+
+def _print_axes(design: "AxesDesign") -> None:
+    found, screen = design.decoupling, console()
+    print_table(
+        screen,
+        f"voltages by the commands of the axes, from the response at {found.frequency_hz:.4g} Hz",
+        ("<voltage", *found.outputs),
+        [
+            (name, *(f"{value:.4g}" for value in row))
+            for name, row in zip(found.inputs, found.matrix.tolist(), strict=True)
+        ],
+    )
+    ends = ("at the lowest line", 0), ("at its frequency", found.at), ("largest", None)
+    rows = [
+        (
+            f"{where}, {label}",
+            *(f"{v:.3g}" for v in (values.max(axis=0) if line is None else values[line])),
+        )
+        for where, line in dict(ends).items()
+        for label, values in (("before", found.before), ("after", found.after))
+    ]
+    print_table(screen, "cross-talk, over the own motion", ("<cross-talk", *found.outputs), rows)
+    peak = max(one.sensitivity_peak for one in design.whole)
+    print_table(
+        screen,
+        f"all axes together, the worst of {len(design.whole)} responses",
+        ("<margin", "worst", "<unit"),
+        [("largest singular value of the sensitivity", f"{peak:.4g}", "1")],
     )

@@ -17,7 +17,7 @@ from flexstage.control.loop_plant import (
     loop_plant,
 )
 from flexstage.hysteresis import DriveModel, StageModes
-from flexstage.system.servo import Notch, ServoSettings
+from flexstage.system.servo import ForceFeedback, Notch, PositionFeedback, ServoSettings
 
 #: Candidate damping ratios of the poles of a notch.
 WIDTHS = (0.3, 0.5, 0.7, 1.0)
@@ -255,6 +255,112 @@ def peak_notches(plant: LoopPlant, width: float) -> tuple[Notch, ...]:
         for f, zeta, share in rows
         if f < highest and abs(share) > _WORTH * zeta and zeta < 0.5
     )
+
+
+def position_filter(
+    mode_hz: float, static_gain: float, stage_gain: float, delay: float = 0.0
+) -> PositionFeedback:
+    r"""Return the positive position feedback that damps a mode most, for its static gain.
+
+    Without delay, a filter of :math:`\omega_f = \omega/\sqrt{1-g}` and :math:`\zeta_f = \sqrt g`
+    makes the poles of mode and filter one double pair with
+
+    .. math:: \zeta = \tfrac12 \sqrt{g/(1-g)}
+
+    With a delay, the filter has at the mode the size and the phase of that one without.
+
+    Parameters
+    ----------
+    mode_hz : float
+        Frequency of the mode [Hz].
+    static_gain : float
+        Static gain g of the loop by this mode alone, 0 to 1.
+    stage_gain : float
+        Static reading over voltage of the mode [m/V].
+    delay : float
+        Delay of the loop with its hold [s].
+
+    Returns
+    -------
+    PositionFeedback
+        The filter.
+
+    Raises
+    ------
+    ModelError
+        The static gain is not between 0 and 1, where the loop becomes unstable, or the delay turns
+        the phase by more than a filter can make up for.
+
+    Examples
+    --------
+    >>> position_filter(800.0, 0.36, 5e-7)
+    PositionFeedback(gain=720000.0, frequency_hz=1000.0, damping_ratio=0.6)
+    """
+    if not 0.0 < static_gain < 1.0:
+        raise ModelError(
+            "the static gain of a position feedback must be between 0 and 1, where it becomes "
+            f"unstable, got {static_gain!r}"
+        )
+    g = static_gain
+    turned = (g + 2j * math.sqrt(g * (1.0 - g))) * np.exp(-2j * np.pi * mode_hz * delay)
+    if not (turned.imag > 0.0 and turned.real < 1.0):
+        raise ModelError(
+            f"a delay of {1e6 * delay:.4g} us leaves a position feedback no phase at {mode_hz:.4g} "
+            "Hz: reduce the delay, or choose control 'damping'"
+        )
+    ratio = math.sqrt(1.0 - turned.real)
+    return PositionFeedback(
+        gain=g / stage_gain,
+        frequency_hz=mode_hz / ratio,
+        damping_ratio=float(turned.imag) / (2.0 * ratio),
+    )
+
+
+def force_feedback(
+    mode_hz: float, zero_hz: float, static_force: float
+) -> tuple[ForceFeedback, float]:
+    r"""Return the integral force feedback that damps a mode most, and that damping ratio.
+
+    For the force of a single mode with its zero z below its pole w, both without damping, the
+    largest ratio and its gain are
+
+    .. math:: \zeta = \frac{\omega - z}{2 z}, \qquad
+              g = \frac{\omega}{f_0} \Bigl(\frac{z}{\omega}\Bigr)^{3/2}
+
+    with the static force f_0 over voltage (A. Preumont, Vibration Control of Active Structures: the
+    gain is :math:`\omega\sqrt{\omega/z}` of the force far above the mode). From a ratio of 1 on,
+    where :math:`\omega \ge 3 z`, the mode no longer vibrates at that gain.
+
+    Parameters
+    ----------
+    mode_hz, zero_hz : float
+        Frequency of the mode and of the zero below it [Hz].
+    static_force : float
+        Static force of the stack over voltage [N/V].
+
+    Returns
+    -------
+    tuple of ForceFeedback and float
+        Its gain, and the damping ratio without delay.
+
+    Raises
+    ------
+    ModelError
+        The zero is not below the mode, as of a sensor that is not in line with the stack.
+
+    Examples
+    --------
+    >>> feedback, ratio = force_feedback(800.0, 400.0, 5.0)
+    >>> round(feedback.gain, 2), ratio
+    (355.43, 0.5)
+    """
+    if not 0.0 < zero_hz < mode_hz:
+        raise ModelError(
+            f"the zero of the force, {zero_hz:.4g} Hz, must be below the mode at {mode_hz:.4g} Hz: "
+            "the sensor must be in line with the stack (collocated)"
+        )
+    gain = 2.0 * math.pi * mode_hz * (zero_hz / mode_hz) ** 1.5 / static_force
+    return ForceFeedback(gain=gain), (mode_hz - zero_hz) / (2.0 * zero_hz)
 
 
 def _left_of_steps(plant: LoopPlant, settings: ServoSettings) -> float:

@@ -8,6 +8,9 @@ delay H, every response z becomes, below half the rate of the loop,
 
 with the noise n of the sensor. Variances of independent sources add.
 
+An inner loop by the force f of the stack adds its feedback of :math:`f_d`, and that of the sampled
+force to :math:`C P`.
+
 Validity: linear about one position, stationary, sources independent; sensor and drives stand on the
 base, which is rigid; one axis under control, its drive with the mean gain of its stroke, without
 hysteresis and creep; amplifier and sensor without a lag other than the delay of the loop. Above
@@ -28,12 +31,19 @@ import numpy as np
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError
 from flexstage.control.design import tune_plant
-from flexstage.control.loop_plant import LoopPlant, Margins, loop_margins
+from flexstage.control.loop_plant import (
+    LoopPlant,
+    Margins,
+    blocked_force,
+    controlled_axis,
+    loop_frequencies,
+    margins_of,
+)
 from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.hysteresis import StageModes
 from flexstage.measure.uncertainty.propagate import Influence, Propagated, propagate
-from flexstage.stage import PiezoStack, Stage
+from flexstage.stage import Stage
 from flexstage.system.environment import (
     DriveVoltage,
     Environment,
@@ -49,6 +59,7 @@ from flexstage.system.environment import (
 from flexstage.system.figure_source import Key
 from flexstage.system.mechanical import (
     Damping,
+    DrivePort,
     GroundDirection,
     LossFactor,
     MechanicalSystem,
@@ -492,17 +503,13 @@ def required_bandwidth(setup: "_Setup", target: float) -> RequiredBandwidth:
     point = setup.points[0]
     if (unit := setup.system.probe(point.probe).unit) != "m":
         raise ModelError(f"point '{point.name}' reads {unit}, and the required rms is a distance")
-    plant, settings = setup.plant(), setup.loop.settings
-    margins = loop_margins(plant, settings)
-    largest = math.log(0.98 * min(margins.gain_margin, 100.0))
+    largest = math.log(0.98) + _largest_gain(setup)
 
     def rms(gain: float) -> float:
         return float(_totals(_scaled_gain(setup, math.exp(gain)))[0])
 
     def crossover(gain: float) -> float:
-        scaled = _scaled_gain(setup, math.exp(gain))
-        assert scaled.loop is not None
-        return loop_margins(plant, scaled.loop.settings).crossover_hz
+        return _loop_margins(_scaled_gain(setup, math.exp(gain))).crossover_hz
 
     opened = float(_totals(replace(setup, loop=None))[0])
     gains = np.linspace(largest - math.log(1000.0), largest, 40)
@@ -529,8 +536,20 @@ def required_bandwidth(setup: "_Setup", target: float) -> RequiredBandwidth:
         bandwidth_hz=bandwidth,
         least=min(opened, float(least)),
         least_bandwidth_hz=0.0 if open_is_best else crossover(float(at)),
-        sentence=_limit_sentence(reached, plant),
+        sentence=_limit_sentence(reached, setup.plant()),
     )
+
+
+def _largest_gain(setup: "_Setup") -> float:
+    """Return the logarithm of the largest factor, up to 100, of a gain that leaves a loop stable."""
+    low, high = 0.0, math.log(100.0)
+    while high - low > 1e-5:
+        middle = 0.5 * (low + high)
+        if _loop_margins(_scaled_gain(setup, math.exp(middle))).stable:
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 def _limit_sentence(setup: "_Setup", plant: LoopPlant) -> str:
@@ -613,9 +632,7 @@ def _open_setup(
     stage: Stage, system: MechanicalSystem, environment: Environment, axis: str | None = None
 ) -> "_Setup":
     """Return the setup without a loop, by default of the first axis."""
-    if not stage.axes:
-        raise ModelError(f"stage '{stage.name}' has no axis to control: add one")
-    controlled = stage.axis(axis or stage.axes[0].name)
+    controlled = controlled_axis(stage, axis)
     points = environment.points or (Point(name=controlled.probe, probe=controlled.probe),)
     return _Setup(stage, system, environment, controlled.name, points)
 
@@ -650,27 +667,24 @@ class _Setup:
 
     def force_of_voltage(self, drive: str) -> Array:
         """Return the force on each coordinate for one volt of a drive [N/V], shape (n,)."""
-        described, port = self.stage.drive(drive), self.system.drive(drive)
-        if not isinstance(described, PiezoStack) or described.voltage_range is None:
-            raise ModelError(
-                f"drive '{drive}' is a {described.kind} without a voltage range: only a piezo "
-                "stack with one has noise of a voltage or a position control here"
-            )
-        low, high = described.voltage_range
-        if port.stroke is None or not port.stiffness:
-            raise ModelError(f"drive '{drive}' needs a stiffness and a free stroke: add them")
-        return port.stiffness * port.stroke / (high - low) * port.vector
+        return blocked_force(self.stage, self.system, drive) * self.system.drive(drive).vector
+
+    @property
+    def port(self) -> DrivePort:
+        """Drive of the loop."""
+        return self.system.drive(self.stage.drive_of(self.axis).name)
 
     @property
     def force(self) -> Array:
         """Force on each coordinate for one volt of the drive of the loop [N/V], shape (n,)."""
-        return self.force_of_voltage(self.stage.drive_of(self.axis).name)
+        return self.force_of_voltage(self.port.name)
 
     def plant(self) -> LoopPlant:
         """Return the plant of the axis as its loop samples it, or as a new loop would."""
         every = modes(self.system, drives="in place", count=None)
         static = (self.sensor @ every.shapes) * (self.force @ every.shapes) / every.omega**2
-        gain = float(static.sum())
+        gain, port = float(static.sum()), self.port
+        shares = (port.stiffness or 0.0) * (port.vector @ every.shapes) ** 2 / every.omega**2
         loop = self.loop or PositionLoop(name="new", settings=ServoSettings(integral=1.0))
         if not gain > 0.0:
             raise ModelError(
@@ -686,6 +700,8 @@ class _Setup:
             ),
             delay=loop.latency,
             sample_rate_hz=loop.sample_rate,
+            blocked_force=blocked_force(self.stage, self.system, port.name),
+            force_share=tuple(shares.tolist()),
         )
 
 
@@ -732,13 +748,23 @@ def _within(plant: LoopPlant) -> LoopPlant:
     return replace(plant, modes=StageModes(frequency_hz=f, damping_ratio=zeta, share=share))
 
 
+def _loop_margins(setup: _Setup) -> Margins:
+    """Return the margins of a loop, with that by a force sensor inside it."""
+    assert setup.loop is not None
+    plant = setup.plant()
+    f = loop_frequencies(plant, setup.loop.settings)
+    by_reading, by_force = setup.loop.feedback(f)
+    inner = 0.0 if by_force is None else by_force * plant.force_response(f)
+    return margins_of(f, by_reading * plant.response(f) + inner, setup.loop.lag, inner)
+
+
 def _margins(setup: _Setup) -> Margins | None:
     """Return the margins of the loop; refuse an unstable one."""
     if setup.loop is None:
         return None
-    plant = setup.plant()
-    margins = loop_margins(plant, setup.loop.settings)
+    margins = _loop_margins(setup)
     if not margins.stable:
+        plant = setup.plant()
         mode = plant.modes.frequency_hz[0] if plant.modes else 0.0
         within = mode < 0.5 * plant.sample_rate_hz
         other = "notch the" if within else "raise its rate beyond twice the"
@@ -896,6 +922,7 @@ def _responder(setup: _Setup, every: Modes) -> Callable[[Array], Complex]:
     loop = setup.loop
     plant = None if loop is None else setup.plant()
     if loop is not None:
+        readers = np.vstack((readers, setup.port.vector))
         forces.append(setup.force)
     grounds = [(k, s) for k, s in enumerate(sources) if isinstance(s, GroundMotion)]
     carried = {
@@ -915,16 +942,25 @@ def _responder(setup: _Setup, every: Modes) -> Callable[[Array], Complex]:
                 response[j, k] += carried.get((j, k), 0.0) * omega ** (powers - 2)
         if loop is None or plant is None:
             return response[:-1]
-        read = response[-1, :-1].copy()
+        motion, read = response[:-2], response[-2, :-1].copy()
         read[[k for k, s in enumerate(sources) if s.kind == "sensor"]] = 1.0
         command = np.zeros_like(f, dtype=np.complex128)
         low = f < 0.5 * loop.sample_rate
-        control = loop.settings.response(f[low], loop.sample_rate)
+        by_reading, by_force = loop.feedback(f[low])
         hold = np.sinc(f / loop.sample_rate) * np.exp(
             -omega * (0.5 / loop.sample_rate + loop.latency)
         )
-        command[low] = -control / (1.0 + control * plant.response(f[low])) * hold[low]
-        return response[:-1, :-1] + response[:-1, -1:] * (command * read)
+        around = by_reading * plant.response(f[low])
+        if by_force is not None:
+            around += by_force * plant.force_response(f[low])
+            # the blocked force of the voltage, less what the elongation takes away
+            stack = -(setup.port.stiffness or 0.0) * response[-1, :-1]
+            for k, source in enumerate(sources):
+                if isinstance(source, DriveVoltage) and source.drive == setup.port.name:
+                    stack[k] += plant.blocked_force
+            read[:, low] += by_force / by_reading * stack[:, low]
+        command[low] = -by_reading / (1.0 + around) * hold[low]
+        return motion[:, :-1] + motion[:, -1:] * (command * read)
 
     return respond
 

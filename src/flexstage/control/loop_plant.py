@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis import DriveModel, StageModes
+from flexstage.stage import Axis, PiezoStack, Stage
+from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.servo import ServoSettings
 
 
@@ -74,6 +76,10 @@ class LoopPlant:
     """
     sample_rate_hz: float = 10e3
     """Rate of the loop [Hz]."""
+    blocked_force: float = 0.0
+    """Force of the stack with both ends held, over voltage [N/V]; 0 without a force sensor."""
+    force_share: tuple[float, ...] = ()
+    """Share of it that the elongation in each mode takes away at rest [1]."""
 
     def __post_init__(self) -> None:
         low, high = self.gain_range
@@ -101,6 +107,24 @@ class LoopPlant:
         for p, c in zip(poles, residues, strict=True):
             total += (1.0 - z1) * c * np.exp(p * within) / (1.0 - np.exp(p * step) * z1)
         return np.asarray(self.gain * z1**whole_samples * total, dtype=np.complex128)
+
+    def force_response(self, frequency_hz: ArrayLike) -> Complex:
+        r"""Return the frequency response from voltage to compression of the stack [N/V].
+
+        .. math:: f/u = b\,\Bigl(1 - \sum_i a_i \frac{\omega_i^2}
+                  {s^2 + 2\zeta_i\omega_i s + \omega_i^2}\Bigr)
+
+        with the blocked force b and shares :math:`a_i`, sampled as the reading is.
+        """
+        step, share = 1.0 / self.sample_rate_hz, math.fsum(self.force_share)
+        whole_samples = math.ceil(self.delay / step - 1e-9)
+        f = np.asarray(frequency_hz, dtype=np.float64)
+        force = np.exp(-2j * np.pi * f * step * whole_samples)
+        if self.modes is not None and share:
+            modes = replace(self.modes, share=[a / share for a in self.force_share])
+            relief = replace(self, gain=share, gain_range=(share, share), modes=modes)
+            force -= relief.response(f)
+        return np.asarray(self.blocked_force * force, dtype=np.complex128)
 
     def scattered(self, gain: float, frequency: float) -> "LoopPlant":
         """Return the plant with other gains and frequencies."""
@@ -211,6 +235,27 @@ def loop_plant(
     )
 
 
+def controlled_axis(stage: Stage, name: str | None = None) -> Axis:
+    """Return an axis of a stage, by default the first."""
+    if not stage.axes:
+        raise ModelError(f"stage '{stage.name}' has no axis to control: add one")
+    return stage.axis(name or stage.axes[0].name)
+
+
+def blocked_force(stage: Stage, system: MechanicalSystem, drive: str) -> float:
+    """Return the force of a stack with both ends held, for one volt [N/V]."""
+    described, port = stage.drive(drive), system.drive(drive)
+    if not isinstance(described, PiezoStack) or described.voltage_range is None:
+        raise ModelError(
+            f"drive '{drive}' is a {described.kind} without a voltage range: only a piezo stack "
+            "with one has noise of a voltage or a position control here"
+        )
+    low, high = described.voltage_range
+    if port.stroke is None or not port.stiffness:
+        raise ModelError(f"drive '{drive}' needs a stiffness and a free stroke: add them")
+    return port.stiffness * port.stroke / (high - low)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
     """Stability margins of a loop."""
@@ -281,13 +326,17 @@ def loop_margins(plant: LoopPlant, settings: ServoSettings) -> Margins:
     return margins_of(f, settings.response(f, plant.sample_rate_hz) * plant.response(f))
 
 
-def margins_of(f: Array, loop: Complex, lag: float = 0.5 * math.pi) -> Margins:
+def margins_of(
+    f: Array, loop: Complex, lag: float = 0.5 * math.pi, inner: Complex | float = 0.0
+) -> Margins:
     """Return the margins of a loop at dense frequencies [Hz], that is stable without feedback.
 
-    `lag` is that of its integrals [rad].
+    `lag` is that of its integrals [rad]. `inner` is the part of the loop by another sensor than
+    that of the position: the sensitivity is then the larger of those to errors of the voltage and
+    of the reading, and the bandwidth is that of the reading.
     """
-    distance = np.abs(1.0 + loop)
-    worst = float(distance.min())
+    distance = np.abs(1.0 + loop) / np.abs(1.0 + inner)
+    worst = min(float(distance.min()), float(np.abs(1.0 + loop).min()))
     high = np.abs(loop) > 1.0
     halved = distance > math.sqrt(2.0)
     upto = f[-1] if halved.all() else (f[int(np.argmin(halved))] if halved[0] else 0.0)

@@ -1,24 +1,27 @@
-r"""Position control from a measured frequency response, with margins for a set of responses.
+r"""Position control from a frequency response, with margins for a set of responses.
 
-The set has every repeated measurement :math:`P(f)`, those with all frequencies shifted, and those
-that differ by the radius r(f) of their uncertainty in eight directions,
-:math:`P + r\,e^{j(\arg P + n\pi/4)}`. No model is fitted. Between two measured lines 1/P is a
-straight line where the phase falls, which is close to one mode, else P is, which is close to a
-zero.
+The set is that of `response_set`, around a measured response or one by the model of a stage. An
+inner loop that damps a mode is part of the loop whose margins count.
 """
 
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError
-from flexstage.control.design import WIDTHS, Requirements, peak_notches, structures
+from flexstage.control.design import (
+    WIDTHS,
+    force_feedback,
+    peak_notches,
+    position_filter,
+    structures,
+)
 from flexstage.control.loop_plant import (
     LoopPlant,
     Margins,
@@ -26,53 +29,53 @@ from flexstage.control.loop_plant import (
     margins_of,
     negative_crossings,
 )
+from flexstage.control.response_set import (
+    Member,
+    force_zero,
+    require_band,
+    response_set,
+    strongest_mode,
+    surrogate,
+    unit_of,
+)
 from flexstage.files.encoder import Encoder
 from flexstage.files.plain import plain
 from flexstage.files.result import Result
-from flexstage.hysteresis import StageModes
-from flexstage.measure.frf import FrfResult, frf_of_files
-from flexstage.measure.requests import FrfRequest, TuneRequest
+from flexstage.measure.requests import TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
-from flexstage.records.read_options import ReadOptions
 from flexstage.system.environment import LOOP_FILE, PositionLoop
-from flexstage.system.servo import Lead, ServoSettings
+from flexstage.system.servo import (
+    ForceFeedback,
+    InnerLoop,
+    Lead,
+    PositionFeedback,
+    ServoSettings,
+    parallel_gains,
+    pi_parameters,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class _Grid:
-    """Interpolation of responses, and candidates of controllers."""
+    """Candidates of controllers."""
 
-    turn: float = math.radians(3.0)
-    """Largest turn of the response between two lines after interpolation."""
-    ratio: float = 0.02
-    """Largest logarithm of the ratio of two frequencies."""
-    directions: int = 8
-    """Directions of the uncertainty in the complex plane."""
-    shifts: int = 5
-    """Shifts of the frequencies over their range."""
     corners: int = 16
     """Number of corners of a lead and of a second integral, from the lowest line up."""
     highest: float = 0.3
     """Highest of them, over the rate."""
     integral: tuple[float, ...] = (4.0, 10.0)
     """Centre of a lead over the corner of the integral."""
+    static: tuple[float, ...] = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+    """Static gain of a position feedback."""
+    force: tuple[float, ...] = (0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0)
+    """Gain of a force feedback, over that of the largest damping without delay."""
+    step: float = 0.93
+    """Ratio of one gain to the last in the search around an inner loop, ..."""
+    least: float = 0.1
+    """... which ends at this share of the first."""
 
 
 _GRID = _Grid()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Member:
-    """One response of a set, dense in frequency, without the delay of the loop."""
-
-    name: str
-    """Name."""
-    frequency_hz: Array
-    """Frequencies, rising [Hz]."""
-    response: Complex
-    """Reading over voltage."""
-    measured: bool = True
-    """True for a measurement, False for one with an error added."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +118,12 @@ class ResponseDesign(Result):
 
     def loop_gain(self, member: Member) -> Complex:
         """Return the response of the open loop of a member."""
-        return _controller(self.loop, member.frequency_hz) * member.response
+        return _gains(self.loop, member)[0]
+
+    def with_gain(self, factor: float) -> "ResponseDesign":
+        """Return the design with the gain of its control raised by a factor, and its margins."""
+        loop = _with_gain(self.loop, factor)
+        return replace(self, loop=loop, margins=[_margins(m, loop) for m in self.members])
 
     def loop_file(self) -> str:
         """Return the control as a YAML file of a loop, as ``budget --loop`` reads it.
@@ -127,15 +135,16 @@ class ResponseDesign(Result):
         return Encoder(LOOP_FILE).text(replace(self.loop, delay=delay))
 
     def data(self) -> dict[str, Any]:
-        loop, rate = self.loop, self.loop.sample_rate
+        loop, rate, inner = self.loop, self.loop.sample_rate, self.loop.damping
         pairs = zip(self.members, self.margins, strict=True)
         return {
             "kind": "tuning",
             "structure": loop.name,
             "unit": self.unit,
             "settings": plain(loop.settings),
-            "pid": _parallel(loop.settings),
-            "pi_parameters": _pi_parameters(loop.settings) if self.unit == "m/V" else None,
+            "damping": inner and {"kind": inner.kind} | plain(inner),
+            "pid": parallel_gains(loop.settings),
+            "pi_parameters": None if inner or self.unit != "m/V" else pi_parameters(loop.settings),
             "sample_rate_hz": rate,
             "delay": loop.latency,
             "sections": loop.settings.sections(rate).tolist(),
@@ -146,60 +155,6 @@ class ResponseDesign(Result):
             ],
             "notes": list(self.notes),
         }
-
-
-def _parallel(settings: ServoSettings) -> dict[str, float] | None:
-    """Return the parallel gains of a PID without notches and low-pass, or None."""
-    if settings.second_integral_hz is not None or len(settings.leads) > 1:
-        return None
-    p, i = settings.proportional, settings.integral
-    zero, pole = 0.0, 0.0
-    for lead in settings.leads:
-        zero, pole = (0.5 / (math.pi * f) for f in (lead.zero_hz, lead.pole_hz))
-    proportional = p + i * (zero - pole)
-    return {
-        "proportional": proportional,
-        "integral": i,
-        "derivative": p * zero - proportional * pole,
-        "derivative_time_constant": pole,
-    }
-
-
-def _pi_parameters(settings: ServoSettings) -> dict[str, float] | None:
-    """Return the parameters of a controller by Physik Instrumente, units as of its axis in um.
-
-    None for a control with a filter that its parameters do not have.
-    """
-    if settings.leads or settings.lowpass_hz or settings.second_integral_hz:
-        return None
-    numbers = {
-        "0x07000300": 1e-6 * settings.proportional,
-        "0x07000301": 1e-6 * settings.integral,
-    }
-    for slot, notch in enumerate(settings.notches):
-        numbers |= {
-            f"0x0800010{slot}": notch.frequency_hz,
-            f"0x0800020{slot}": notch.zero_damping / notch.pole_damping,
-            f"0x0800030{slot}": 2.0 * notch.pole_damping,
-        }
-    return numbers
-
-
-def tune_files(request: TuneRequest, how: ReadOptions = ReadOptions()) -> ResponseDesign:
-    """Return the control for measured files, as the command ``tune`` does."""
-    reading = FrfRequest(
-        input=request.input,
-        output=request.output,
-        response=request.response,
-        resolution=request.resolution,
-        fit_modes=0,
-    )
-    responses = []
-    for path, one in zip(request.frf, how.of_each(len(request.frf)), strict=True):
-        result = frf_of_files([Path(path)], reading, one)
-        assert isinstance(result, FrfResult)
-        responses.append(replace(result.response, source=Path(path).name))
-    return tune_response(responses, request)
 
 
 def tune_response(responses: Sequence[MeasuredResponse], request: TuneRequest) -> ResponseDesign:
@@ -238,30 +193,33 @@ def tune_response(responses: Sequence[MeasuredResponse], request: TuneRequest) -
     stable one is used (compare `tune_plant`). An error of variance v, real and imaginary part
     together, is within :math:`\sqrt{-v \ln(1 - p)}` with probability p at each line.
     """
-    measured, members, notes = _response_set(responses, request)
-    units = sorted({unit for unit in map(_unit, responses) if unit})
+    measured, members, notes = response_set(responses, request)
+    units = sorted({unit for unit in map(unit_of, responses) if unit})
     if len(units) > 1:
         raise ModelError(
             f"the responses have the units {', '.join(units)}: tune on repetitions of one response"
         )
     nominal = measured[0]
     for member in measured:
-        _require_band(member, request)
-    plant = _surrogate(nominal, request)
+        require_band(member, request)
+    plant = surrogate(nominal, request)
     best: tuple[float, PositionLoop] | None = None
     coarse = ""
     tables = _tables(members)
-    for kind, unit in _candidates(plant, request, nominal):
+    for kind, unit, inner in _candidates(plant, request, nominal):
         loop = PositionLoop(
-            name=kind, settings=unit, sample_rate=request.servo_rate, delay=request.latency
+            name=kind,
+            settings=unit,
+            sample_rate=request.servo_rate,
+            delay=request.latency,
+            damping=inner,
         )
-        gain = _largest_gain(tables, loop, request)
-        if not gain > 0.0:
+        largest = _largest_gain(tables, loop, request) if inner is None else (
+            _largest_outer_gain(members, loop, request)
+        )  # fmt: skip
+        if not largest > 0.0:
             continue
-        settings = replace(
-            unit, integral=gain * unit.integral, proportional=gain * unit.proportional
-        )
-        loop = replace(loop, settings=settings)
+        loop = _with_gain(loop, largest)
         faults = [_coarse(response, loop, request) for response in measured]
         coarse = coarse or max(faults)
         if any(faults):
@@ -293,146 +251,13 @@ def tune_response(responses: Sequence[MeasuredResponse], request: TuneRequest) -
     return design
 
 
-def _unit(response: MeasuredResponse) -> str:
-    """Return the unit of a response, empty if unknown."""
-    above, below = response.output_units, response.input_units
-    return f"{above[0]}/{below[0]}" if above and below and above[0] and below[0] else ""
-
-
-def _response_set(
-    responses: Sequence[MeasuredResponse], request: TuneRequest
-) -> tuple[list[Member], list[Member], tuple[str, ...]]:
-    """Return the measurements on their lines, the set on dense lines, and its origin."""
-    columns: list[tuple[str, MeasuredResponse, int]] = []
-    for response in responses:
-        outputs = len(response.outputs)
-        if len(response.inputs) > 1 or (outputs > 1 and not request.repeated):
-            names = ", ".join(itertools.starmap("{}/{}".format, itertools.product(
-                response.outputs, response.inputs)))  # fmt: skip
-            raise ModelError(
-                f"'{response.source}' has several responses ({names}): choose one by --response, "
-                "--input and --output, or say --repeated if they repeat one measurement"
-            )
-        for o in range(outputs):
-            columns.append((f"{response.source} {response.outputs[o]}".strip(), response, o))
-    single = len(columns) == 1
-    shift = (
-        request.shift
-        if request.shift is not None
-        else (Requirements().frequency_scatter if single else 0.0)
-    )
-    shifts = np.linspace(-shift, shift, _GRID.shifts if shift else 1)
-    measured, members, origins = [], [], []
-    for name, response, o in columns:
-        highest = 0.5 * request.servo_rate
-        inside = (response.frequency_hz > 0.0) & (response.frequency_hz <= highest)
-        inside &= response.response[:, o, 0] != 0.0
-        if inside.sum() < 2:
-            raise ModelError(
-                f"the response '{name}' has fewer than two lines below half the rate of the loop, "
-                f"{request.servo_rate:g} Hz: raise --servo-rate"
-            )
-        one = response.lines(inside)
-        f, h = one.frequency_hz, one.response[:, o, 0]
-        radius, origin = _radius(one, o, request, single)
-        origins.append(origin)
-        measured.append(Member(name=name, frequency_hz=f, response=h))
-        factors = [(0j, "")]
-        if radius.any():
-            angles = np.arange(_GRID.directions) * 2.0 * np.pi / _GRID.directions
-            factors += [(np.exp(1j * a), f", error at {math.degrees(a):.0f} deg") for a in angles]
-        dense, values, relative = _dense(f, h, radius / np.abs(h))
-        for s, (factor, error) in itertools.product(shifts.tolist(), factors):
-            shifted = f", frequencies {100.0 * s:+.2g} %" if s else ""
-            below = (1.0 + s) * dense <= highest
-            members.append(
-                Member(
-                    name=name + shifted + error,
-                    frequency_hz=(1.0 + s) * dense[below],
-                    response=(values * (1.0 + relative * factor))[below],
-                    measured=not (error or shifted),
-                )
-            )
-    count = "one measurement" if single else f"{len(columns)} measurements"
-    notes = [f"set of {len(members)} responses: {count}; {'; '.join(dict.fromkeys(origins))}"]
-    if shift:
-        notes.append(f"all frequencies may be {100.0 * shift:.3g} % off (--shift)")
-    return measured, members, tuple(notes)
-
-
-def _radius(
-    response: MeasuredResponse, o: int, request: TuneRequest, single: bool
-) -> tuple[Array, str]:
-    """Return the radius of the uncertainty at each line, and its origin in words."""
-    size = np.abs(response.response[:, o, 0])
-    if request.uncertainty is not None:
-        share = request.uncertainty
-        return share * size, f"relative uncertainty of {100.0 * share:.3g} % by --uncertainty"
-    wide = math.sqrt(-math.log(1.0 - request.coverage))
-    covered = f"{100.0 * request.coverage:.4g} % coverage at each line"
-    if response.variance is not None:
-        return wide * np.sqrt(response.variance[:, o, 0]), f"error by its variance, {covered}"
-    if response.coherence is not None:
-        averages = response.averages or request.averages
-        coherence = np.clip(response.coherence[:, o], 1e-9, 1.0)
-        variance = size**2 * (1.0 - coherence) / (coherence * averages)
-        return (
-            wide * np.sqrt(variance),
-            f"error by coherence, averages: {averages:g}, {covered}",
-        )
-    if not single:
-        return np.zeros_like(size), "scatter of the repetitions alone"
-    share = Requirements().gain_scatter
-    origin = f"relative uncertainty of {100.0 * share:.3g} %, as the file has none (--uncertainty)"
-    return share * size, origin
-
-
-def _dense(f: Array, h: Complex, relative: Array) -> tuple[Array, Complex, Array]:
-    """Return a response and its relative error at lines close enough for straight lines."""
-    turn = np.angle(h[1:] / h[:-1])
-    parts = np.maximum(np.abs(turn) / _GRID.turn, np.log(f[1:] / f[:-1]) / _GRID.ratio)
-    count = np.ceil(parts).astype(int).clip(1)
-    at = np.repeat(np.arange(count.size), count)
-    share = np.concatenate([np.arange(n) / n for n in count.tolist()])
-    falls = turn[at] < 0.0
-    straight = h[at] + share * (h[at + 1] - h[at])
-    inverse = 1.0 / (1.0 / h[at] + share * (1.0 / h[at + 1] - 1.0 / h[at]))
-    dense = f[at] + share * (f[at + 1] - f[at])
-    values = np.append(np.where(falls, inverse, straight), h[-1])
-    dense = np.append(dense, f[-1])
-    return dense, values, np.interp(dense, f, relative)
-
-
-def _require_band(member: Member, request: TuneRequest) -> None:
-    """Refuse a response that does not begin below its resonances, or ends below one."""
-    f, first = member.frequency_hz, member.response[0]
-    phase = float(np.angle(first))
-    if abs(phase) > math.pi - request.phase_step:
-        raise ModelError(
-            f"the reading falls as the voltage rises (phase {math.degrees(phase):.0f} deg at "
-            f"{f[0]:.4g} Hz): reverse the sign of the response"
-        )
-    if abs(phase) > request.phase_step:
-        raise ModelError(
-            f"the phase at the lowest line, {f[0]:.4g} Hz, is {math.degrees(phase):.0f} deg: the "
-            "response of a stage with a stiffness begins near 0, so measure from a lower frequency"
-        )
-    size, scatter = np.abs(member.response), 1.0 + Requirements().gain_scatter
-    if size[-1] > scatter * size[0] and scatter * size[-1] > size.max():
-        raise ModelError(
-            f"the response is largest at its end, {size[-1] / size[0]:.3g} times that at "
-            f"{f[0]:.4g} Hz, as below a resonance above {f[-1]:.4g} Hz: measure beyond it, with a "
-            "--servo-rate of more than twice its frequency"
-        )
-
-
 def _coarse(member: Member, loop: PositionLoop, request: TuneRequest) -> str:
     """Return where a mode may hide between two lines that the loop would notice; empty if not."""
     f, h = member.frequency_hz, member.response
     step = np.abs(np.angle(h[1:] / h[:-1]))
     # the circle through both lines and zero, on which one mode moves
     diameter = np.abs(h[1:] - h[:-1]) / np.maximum(np.sin(step), 1e-12)
-    size = np.abs(_controller(loop, 0.5 * (f[1:] + f[:-1])))
+    size = np.abs(loop.feedback(0.5 * (f[1:] + f[:-1]))[0])
     hidden = (step > request.phase_step) & (size * diameter > 1.0 - 1.0 / request.modulus)
     if not hidden.any():
         return ""
@@ -447,13 +272,27 @@ def _coarse(member: Member, loop: PositionLoop, request: TuneRequest) -> str:
 
 def _controller(loop: PositionLoop, f: Array) -> Complex:
     """Return the response of a control with the delay of its loop."""
-    return loop.settings.response(f, loop.sample_rate) * np.exp(-2j * np.pi * f * loop.latency)
+    return loop.settings.response(f, loop.sample_rate) * _late(loop, f)
 
 
-def _integral_lag(settings: ServoSettings) -> float:
-    """Return the phase lag of a control at zero frequency [rad]."""
-    integrals = bool(settings.integral) + (settings.second_integral_hz is not None)
-    return 0.5 * math.pi * integrals
+def _late(loop: PositionLoop, f: Array) -> Complex:
+    return np.exp(-2j * np.pi * f * loop.latency)
+
+
+def _gains(loop: PositionLoop, member: Member) -> tuple[Complex, Complex | float]:
+    """Return the response of the open loop of a member, and the part of it by the force."""
+    f = member.frequency_hz
+    reading, force = loop.feedback(f)
+    late = _late(loop, f)
+    inner = 0.0 if force is None or member.force is None else force * late * member.force
+    return reading * late * member.response + inner, inner
+
+
+def _with_gain(loop: PositionLoop, gain: float) -> PositionLoop:
+    """Return a loop with the gain of its position control raised by a factor."""
+    unit = loop.settings
+    settings = replace(unit, integral=gain * unit.integral, proportional=gain * unit.proportional)
+    return replace(loop, settings=settings)
 
 
 def _tables(members: Sequence[Member]) -> list[tuple[Array, Complex]]:
@@ -469,7 +308,7 @@ def _largest_gain(
     tables: Sequence[tuple[Array, Complex]], unit: PositionLoop, request: TuneRequest
 ) -> float:
     """Return the largest gain of a control that no response excludes, 0 for none."""
-    lag = _integral_lag(unit.settings)
+    lag = unit.lag
     loops = [(f, _controller(unit, f) * responses) for f, responses in tables]
     low, high = np.concatenate([_excluded(*one, request) for one in loops], axis=1)
     order = np.argsort(low)
@@ -481,6 +320,60 @@ def _largest_gain(
         if all(is_stable(gain * loop, lag) for _, rows in loops for loop in rows):
             return gain
     return 0.0
+
+
+def _largest_outer_gain(
+    members: Sequence[Member], unit: PositionLoop, request: TuneRequest
+) -> float:
+    """Return a gain around an inner loop that keeps the requirements with all members, or 0.
+
+    The search goes down from the first gain that the sensitivity excludes.
+    """
+    bound = math.inf
+    parts = []
+    for member in members:
+        # the loop is linear in the gain
+        (at_one, inner), (at_two, _) = (_gains(_with_gain(unit, k), member) for k in (1.0, 2.0))
+        outer = at_two - at_one
+        rest = 1.0 + at_one - outer
+        left = np.abs(rest) ** 2 - (np.maximum(1.0, np.abs(1.0 + inner)) / request.modulus) ** 2
+        if left.min() <= 0.0:
+            return 0.0
+        half, power = (outer.conj() * rest).real, np.abs(outer) ** 2
+        meets = (half**2 >= power * left) & (half < 0.0)
+        if meets.any():
+            roots = -half[meets] - np.sqrt(half[meets] ** 2 - power[meets] * left[meets])
+            bound = min(bound, float((roots / power[meets]).min()))
+        parts.append((member.frequency_hz, rest - 1.0, outer, inner))
+    if not math.isfinite(bound):
+        return 0.0  # what no sensitivity limits has no largest gain
+    gain = _GRID.step * bound
+    while gain > _GRID.least * bound:
+        for k, (f, inner_loop, outer, inner) in enumerate(parts):
+            if not _holds(f, inner_loop + gain * outer, inner, unit.lag, request):
+                # the member that refuses one gain is asked first about the next
+                parts.insert(0, parts.pop(k))
+                break
+        else:
+            return gain
+        gain *= _GRID.step
+    return 0.0
+
+
+def _holds(
+    f: Array, loop: Complex, inner: Complex | float, lag: float, request: TuneRequest
+) -> bool:
+    """Return whether an open loop keeps the requirements."""
+    if abs(loop[-1]) * request.gain_margin > 1.0:
+        return False
+    margins = _margins_of(f, loop, lag, inner)
+    return (
+        margins.stable
+        and margins.gain_margin >= request.gain_margin
+        and margins.phase_margin >= request.phase_margin
+        and margins.delay_margin >= request.delay_margin
+        and margins.sensitivity_peak <= request.modulus
+    )
 
 
 def _excluded(f: Array, loops: Complex, request: TuneRequest) -> Array:
@@ -520,20 +413,26 @@ def _excluded(f: Array, loops: Complex, request: TuneRequest) -> Array:
 
 
 def _left(loop: PositionLoop, member: Member, goal: str) -> float:
-    """Return what a loop leaves of small steps of the drive, or the inverse of its bandwidth."""
+    """Return what a loop leaves of steps or noise of the drive, or the inverse of its bandwidth."""
     f, response = member.frequency_hz, member.response
-    gain = _controller(loop, f) * response
+    gain, inner = _gains(loop, member)
     if goal == "bandwidth":
-        return 1.0 / max(margins_of(f, gain).bandwidth_hz, 1e-300)
+        return 1.0 / max(margins_of(f, gain, inner=inner).bandwidth_hz, 1e-300)
     omega = 2.0 * np.pi * f
-    left = np.abs(response / (1.0 + gain)) ** 2 / omega**2
+    left = np.abs(response / (1.0 + gain)) ** 2
+    if goal == "noise":
+        return float(np.trapezoid(left, omega))
+    left /= omega**2
     return float(np.trapezoid(left, omega)) + float(left[0] * omega[0])
 
 
 def _margins(member: Member, loop: PositionLoop) -> LoopMargins:
-    f = member.frequency_hz
-    gain = _controller(loop, f) * member.response
-    margins = margins_of(f, gain, _integral_lag(loop.settings))
+    gain, inner = _gains(loop, member)
+    return _margins_of(member.frequency_hz, gain, loop.lag, inner)
+
+
+def _margins_of(f: Array, gain: Complex, lag: float, inner: Complex | float) -> LoopMargins:
+    margins = margins_of(f, gain, lag, inner)
     size = np.abs(gain)
     k = np.flatnonzero((size[:-1] - 1.0) * (size[1:] - 1.0) <= 0.0)
     delays = np.mod(np.angle(-gain[k]), 2.0 * np.pi) / (2.0 * np.pi * f[k])
@@ -562,54 +461,42 @@ def _worst(margins: Iterable[LoopMargins]) -> LoopMargins:
     )
 
 
-def _surrogate(member: Member, request: TuneRequest) -> LoopPlant:
-    """Return a plant with the peaks and delay of a response, for candidates of controls only."""
-    f, h = member.frequency_hz, member.response
-    size = np.abs(h)
-    peaks = _peaks(f, size, request.notches)
-    low = f <= (0.1 * peaks[0][0] if peaks else f[-1])
-    low[0] = True
-    delay = float(np.median(-np.angle(h[low]) / (2.0 * np.pi * f[low])))
-    gain = float(size[0])
-    modes = None
-    if peaks:
-        frequencies, damping, heights = zip(*sorted(peaks), strict=True)
-        share = tuple(2.0 * z * h / gain for z, h in zip(damping, heights, strict=True))
-        modes = StageModes(frequency_hz=frequencies, damping_ratio=damping, share=share)
-    return LoopPlant(
-        gain=gain,
-        gain_range=(gain, gain),
-        modes=modes,
-        delay=max(delay, 0.0) + request.latency,
-        sample_rate_hz=request.servo_rate,
-    )
-
-
-def _peaks(f: Array, size: Array, count: int) -> list[tuple[float, float, float]]:
-    """Return frequency, damping ratio by half power, and height of the highest peaks.
-
-    A peak has lines of half its power on both sides.
-    """
-    peaks = []
-    for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:
-        half = size[k] / math.sqrt(2.0)
-        left, right = np.flatnonzero(size[:k] < half), np.flatnonzero(size[k:] < half)
-        if not (left.size and right.size):
-            continue
-        a, b = int(left[-1]), k + int(right[0])
-        if size[a:b].max() > size[k]:
-            continue
-        below = np.interp(half, size[a : a + 2], f[a : a + 2])
-        above = np.interp(half, size[[b, b - 1]], f[[b, b - 1]])
-        peaks.append((float(f[k]), float(0.5 * (above - below) / f[k]), float(size[k])))
-    # highest in a loop with an integral
-    return sorted(peaks, key=lambda peak: -peak[2] / peak[0])[:count]
-
-
 def _candidates(
     plant: LoopPlant, request: TuneRequest, nominal: Member
-) -> Iterator[tuple[str, ServoSettings]]:
+) -> Iterator[tuple[str, ServoSettings, InnerLoop | None]]:
     """Yield controls of unit gain with the names of their structures."""
+    if request.control in ("ppf", "iff"):
+        yield from _damped(plant, request, nominal)
+        return
+    for name, unit in _undamped(plant, request, nominal):
+        yield name, unit, None
+
+
+def _damped(
+    plant: LoopPlant, request: TuneRequest, nominal: Member
+) -> Iterator[tuple[str, ServoSettings, InnerLoop]]:
+    """Yield integral and pi around inner loops of rising gain."""
+    mode, _, share = strongest_mode(plant)
+    inner: list[InnerLoop] = []
+    if request.control == "ppf":
+        for static in _GRID.static:
+            with suppress(ModelError):  # the delay leaves no phase to the smallest
+                inner.append(position_filter(mode, static, abs(share) * plant.gain, plant.delay))
+        # refused with its message where it leaves none to any
+        inner = inner or [position_filter(mode, _GRID.static[-1], plant.gain, plant.delay)]
+    else:
+        largest, _ = force_feedback(mode, *force_zero(nominal, mode))
+        inner += [replace(largest, gain=factor * largest.gain) for factor in _GRID.force]
+    bare = replace(plant, modes=None)
+    outer = [*structures(bare, "integral", None), *structures(bare, "pi", None)]
+    for one, unit in itertools.product(inner, list(dict.fromkeys(outer))[::2]):
+        yield request.control, unit, one
+
+
+def _undamped(
+    plant: LoopPlant, request: TuneRequest, nominal: Member
+) -> Iterator[tuple[str, ServoSettings]]:
+    """Yield controls without an inner loop."""
     kind = request.control
     for name in ("integral", "pi", "damping"):
         if kind in ("auto", name) and not (name == "damping" and plant.modes is None):
@@ -649,9 +536,36 @@ def _candidates(
 def _notes(loop: PositionLoop, members: Sequence[Member], request: TuneRequest) -> tuple[str, ...]:
     low = max(m.frequency_hz[0] for m in members)
     high = min(m.frequency_hz[-1] for m in members)
-    return (
+    notes = [
         f"stability by the count of Nyquist from {low:.4g} to {high:.4g} Hz: the stage is assumed "
         "to be stable without feedback, constant below and small above",
-        f"delay of {1e6 * loop.latency:.4g} us in addition to that in the response, which a record "
-        'by the controller itself has already (--delay "0 s"); budget --loop knows no other',
-    )
+        f"delay of {1e6 * loop.latency:.4g} us in addition to that in the response, "
+        + (
+            "which has the hold"
+            if not request.frf
+            else "which a record by the controller itself "
+            'has already (--delay "0 s"); budget --loop knows no other'
+        ),
+    ]
+    first = next(member for member in members if member.measured)
+    size = np.abs(first.response)
+    closed = np.abs(first.response / (1.0 + _gains(loop, first)[0]))
+    peaks = f"the peak to its voltage falls from {size.max() / size[0]:.3g} to "
+    peaks += f"{closed.max() / size[0]:.3g} times the static response"
+    if isinstance(loop.damping, PositionFeedback):
+        static = loop.damping.gain * float(size[0])
+        notes.append(
+            f"ppf: {peaks}; static gain {static:.2g} of the limit 1, where the stage would become "
+            "unstable; modes above the last line may be excited (spillover)"
+        )
+    elif isinstance(loop.damping, ForceFeedback):
+        mode = float(first.frequency_hz[int(np.argmax(size))])
+        zero, static = force_zero(first, mode)
+        largest, ratio = force_feedback(mode, zero, static)
+        notes.append(
+            f"iff: {peaks}; zero of the force at {zero:.4g} Hz below the mode at {mode:.4g} Hz: "
+            f"damping ratio up to {min(ratio, 1.0):.2g} without delay, at a gain of "
+            f"{largest.gain:.3g} V/(N s); needs a sensor in line with the stack that reads slow "
+            "forces, and makes the stage softer to forces below its bandwidth"
+        )
+    return tuple(notes)

@@ -17,6 +17,7 @@ from flexstage.files.ranges import (
 from flexstage.files.request import Request, read_number, request_fields
 from flexstage.quantities.units import DIMENSIONS, Time
 from flexstage.records.read_options import ONE_COLUMN, ColumnList
+from flexstage.system.requests import ModelName
 
 #: The excitation of a free decay.
 RING_DOWN = "ring-down"
@@ -176,12 +177,16 @@ class FrfRequest(Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TuneRequest(Request):
-    """Position control from measured frequency responses."""
+    """Position control from a stage or measured frequency responses."""
 
-    frf: Annotated[tuple[str, ...], Written("FILE")]
-    """Measured frequency response, or record of input and output over time; give the option again
-    for each repetition.
+    frf: Annotated[tuple[str, ...], Written("FILE")] = ()
+    """Measured frequency response, or record of input and output over time, in place of STAGE; give
+    the option again for each repetition.
     """
+    axis: Annotated[str, Written("NAME")] | None = None
+    """Axis of STAGE (default: the first)."""
+    model: ModelName = "lumped"
+    """Model of STAGE."""
     input: Annotated[ColumnList, ONE_COLUMN] = ()
     """Number or name of the input column of a record over time."""
     output: ColumnList = ()
@@ -206,17 +211,29 @@ class TuneRequest(Request):
     """Relative shift of all frequencies, up and down (default: 3 % for one measurement, as tuning
     from a model assumes for its modes; 0 for several).
     """
-    control: Literal["auto", "integral", "pi", "damping", "pid", "lead", "double-integral"] = "auto"
+    control: Literal[
+        "auto", "integral", "pi", "damping", "pid", "lead", "double-integral", "ppf", "iff"
+    ] = "auto"
     """Structure, with notches at resonances: integral, pi, damping (pi with a low-pass), pid (with
     filtered derivative), lead (no integral), double-integral (pi with a second one); auto chooses.
+    ppf and iff damp the resonance by an inner loop: positive position feedback, integral force
+    feedback (with the force in the stack as the second output).
     """
-    goal: Literal["rejection", "bandwidth"] = "rejection"
-    """Least error after small steps of the drive, or largest bandwidth."""
+    decouple: Annotated[
+        float, DIMENSIONS["frequency"], NOT_NEGATIVE, Written(bare="Hz")
+    ] | None = None  # fmt: skip
+    """Control all axes, decoupled by a constant matrix from the responses at this frequency, such
+    as "0 Hz" for those of the lowest line.
+    """
+    goal: Literal["rejection", "noise", "bandwidth"] = "rejection"
+    """Least error after small steps of the drive, least rms by its white noise, which damps the
+    resonance most, or largest bandwidth.
+    """
     servo_rate: PositiveFrequency = 10e3
     """Rate of the loop, such as "10 kHz"."""
     delay: Annotated[Time, NOT_NEGATIVE] | None = None
     """Delay that the response does not contain, such as "0.1 ms" (default: 1.5 samples, one of
-    computation and half of the hold).
+    computation and half of the hold; for STAGE one, as its response has the hold).
     """
     gain_margin: Annotated[float, Range(low=1.0, above=True), Written("NUMBER")] = 2.0
     """Smallest gain margin, up and down."""

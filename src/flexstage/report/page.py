@@ -181,6 +181,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ),
     ("Record", ""): ("identification.draw_record", "record"),
     ("Refinement", ""): ("fields.draw_convergence", "refinement"),
+    ("AxesDesign", ""): ("noise.draw_axes", "design"),
     ("ResponseDesign", ""): ("noise.draw_loops", "design"),
     ("ScaleStudy", ""): ("centring.draw_error_budget", "study"),
     ("Sensitivities", ""): ("sensitivity.draw_sensitivities", "sensitivities"),

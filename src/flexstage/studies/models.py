@@ -13,6 +13,7 @@ from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.hinges.compliance import require_sizes
 from flexstage.lumped import lumped_system
+from flexstage.measure.requests import TuneRequest
 from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage import Stage
 from flexstage.stage.contour import root_widths
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     import pandas
 
     from flexstage.control.dynamic_budget import DynamicBudget
+    from flexstage.control.measured_response import ResponseDesign
+    from flexstage.control.tuning import AxesDesign
     from flexstage.export.request import ExportRequest, StageExport
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
@@ -373,6 +376,13 @@ def stage_budget(stage: Stage, request: BudgetRequest) -> "DynamicBudget":
         wanted_rms=request.wanted_rms,
     )
     return replace(budget, request=request)
+
+
+def stage_tuning(stage: Stage, request: TuneRequest) -> "ResponseDesign | AxesDesign":
+    """Return the position control for the model of a stage."""
+    from flexstage.control.tuning import tune_stage
+
+    return tune_stage(stage, analyse_model(stage, request.model).system, request)
 
 
 def open_budget(

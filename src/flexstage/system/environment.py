@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from flexstage.base.arrays import Array
+from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError, UnitError
 from flexstage.files.decoder import read, read_file
 from flexstage.files.format import Format
@@ -34,7 +34,13 @@ from flexstage.records.read_options import TextLayout
 from flexstage.records.text import read_text
 from flexstage.stage import Stage
 from flexstage.system.mechanical import STANDARD_GRAVITY, GroundDirection, MechanicalSystem
-from flexstage.system.servo import Notch, ServoSettings
+from flexstage.system.servo import (
+    ForceFeedback,
+    InnerLoop,
+    Notch,
+    PositionFeedback,
+    ServoSettings,
+)
 
 #: Whether a density counts positive frequencies alone, or negative ones as well.
 Sided = Literal["one", "two"]
@@ -676,6 +682,8 @@ class PositionLoop:
     """Its rate [Hz]."""
     delay: Annotated[Time, NOT_NEGATIVE] | None = None
     """Time from a reading to its voltage, without the hold [s]; one sample where not given."""
+    damping: InnerLoop | None = None
+    """Loop inside that damps a mode; none where not given."""
 
     def __post_init__(self) -> None:
         require_ranges(self, ModelError, f"loop '{self.name}'")
@@ -687,9 +695,34 @@ class PositionLoop:
         """Time from a reading to its voltage, without the hold [s]."""
         return 1.0 / self.sample_rate if self.delay is None else self.delay
 
+    @property
+    def lag(self) -> float:
+        """Phase lag of its feedback at zero frequency [rad]."""
+        settings, inner = self.settings, 0 if self.damping is None else self.damping.integrals
+        outer = bool(settings.integral) + (settings.second_integral_hz is not None)
+        return 0.5 * math.pi * (outer + inner)
 
+    def feedback(self, frequency_hz: Array) -> tuple[Complex, Complex | None]:
+        """Return the negative feedback of the reading [V/m], and of the force of the stack [V/N].
+
+        The second is None without a force sensor. Neither has the delay.
+        """
+        control = self.settings.response(frequency_hz, self.sample_rate)
+        if self.damping is None:
+            return control, None
+        reading, force = self.damping.around(control, frequency_hz, self.sample_rate)
+        return reading, force if isinstance(self.damping, ForceFeedback) else None
+
+
+_INNER: tuple[type, ...] = (PositionFeedback, ForceFeedback)
 #: Format of the description of a loop.
-LOOP_FILE = Format(noun="description of a loop", key="loop", error=ModelError, only=True)
+LOOP_FILE = Format(
+    noun="description of a loop",
+    key="loop",
+    error=ModelError,
+    only=True,
+    families={InnerLoop: {kind.kind: kind for kind in _INNER}},
+)
 
 
 def read_loop(path: str | os.PathLike[str]) -> PositionLoop:

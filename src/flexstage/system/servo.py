@@ -11,6 +11,7 @@ the loop itself.
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -126,11 +127,7 @@ class ServoSettings:
         """Return the filters of the error, one row of b0, b1, b2, a1, a2 (a0 = 1) each."""
         rows = [part.section(sample_rate_hz) for part in (*self.notches, *self.leads)]
         if self.lowpass_hz is not None:
-            w = math.tan(math.pi * _below_nyquist(self.lowpass_hz, sample_rate_hz) / sample_rate_hz)
-            a0 = 1.0 + math.sqrt(2.0) * w + w * w
-            b = w * w / a0
-            last = (1.0 - math.sqrt(2.0) * w + w * w) / a0
-            rows.append(np.array([b, 2.0 * b, b, 2.0 * (w * w - 1.0) / a0, last]))
+            rows.append(_lowpass(self.lowpass_hz, math.sqrt(0.5), sample_rate_hz))
         if self.second_integral_hz is not None:
             corner = _below_nyquist(self.second_integral_hz, sample_rate_hz)
             w = math.tan(math.pi * corner / sample_rate_hz)
@@ -139,14 +136,115 @@ class ServoSettings:
 
     def response(self, frequency_hz: ArrayLike, sample_rate_hz: float) -> NDArray[np.complex128]:
         """Return the frequency response of the controller, voltage over error [V/m]."""
-        omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64) / sample_rate_hz
-        z = np.exp(-1j * omega)
-        total = np.full(omega.shape, self.proportional, dtype=np.complex128)
+        z = _delay_operator(frequency_hz, sample_rate_hz)
+        total = np.full(z.shape, self.proportional, dtype=np.complex128)
         if self.integral:
             total += self.integral / sample_rate_hz / (1.0 - z)
-        for b0, b1, b2, a1, a2 in self.sections(sample_rate_hz):
-            total *= (b0 + b1 * z + b2 * z * z) / (1.0 + a1 * z + a2 * z * z)
+        for section in self.sections(sample_rate_hz):
+            total *= _of_section(section, z)
         return total
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InnerLoop:
+    """Base of loops that damp a mode inside a position control."""
+
+    kind: ClassVar[str]
+    integrals: ClassVar[int] = 0
+    """Number of its integrals."""
+    gain: float
+    """Gain."""
+
+    def around(
+        self, control: NDArray[np.complex128], frequency_hz: ArrayLike, sample_rate_hz: float
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the negative feedback of reading [V/m] and force [V/N] with a position control."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PositionFeedback(InnerLoop):
+    r"""Positive position feedback (C. J. Goh, T. K. Caughey, Int. J. Control 41 (1985) 787).
+
+    .. math:: u = C (r - y) + \frac{g\,\omega^2}{s^2 + 2\zeta\omega s + \omega^2}\, y
+
+    Validity: stable without delay while the static gain of the loop, g times that of the stage, is
+    below 1. It softens the stage by one less that gain, and it does not damp modes above it.
+    """
+
+    kind: ClassVar[str] = "ppf"
+    gain: float
+    """Static gain g [V/m]."""
+    frequency_hz: float
+    """Frequency [Hz]."""
+    damping_ratio: float
+    """Damping ratio [1]."""
+
+    def __post_init__(self) -> None:
+        if not all(0.0 < x < math.inf for x in (self.gain, self.frequency_hz, self.damping_ratio)):
+            raise ModelError(
+                "a position feedback needs a positive gain, frequency and damping ratio, got "
+                f"{self.gain!r} V/m, {self.frequency_hz!r} Hz and {self.damping_ratio!r}"
+            )
+
+    def around(
+        self, control: NDArray[np.complex128], frequency_hz: ArrayLike, sample_rate_hz: float
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        section = _lowpass(self.frequency_hz, self.damping_ratio, sample_rate_hz)
+        z = _delay_operator(frequency_hz, sample_rate_hz)
+        return control - self.gain * _of_section(section, z), np.zeros_like(control)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceFeedback(InnerLoop):
+    r"""Integral force feedback of a sensor in line with the stack.
+
+    .. math:: u = \frac{g}{s} \bigl(C (r - y) - f\bigr)
+
+    with the force f of the stack, positive in compression (A. Preumont, Vibration Control of Active
+    Structures): the position control commands this force (as Y. R. Teo, D. Russell, S. S. Aphale,
+    A. J. Fleming, Mechatronics 24 (2014)), so that the static gain is not lost.
+
+    Validity: sensor and stack are collocated, and the sensor reads slow forces. Without delay it is
+    stable at every gain.
+    """
+
+    kind: ClassVar[str] = "iff"
+    integrals: ClassVar[int] = 1
+    gain: float
+    """Gain g [V/(N s)]."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.gain < math.inf:
+            raise ModelError(f"a force feedback needs a positive gain, got {self.gain!r} V/(N s)")
+
+    def around(
+        self, control: NDArray[np.complex128], frequency_hz: ArrayLike, sample_rate_hz: float
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        z = _delay_operator(frequency_hz, sample_rate_hz)
+        integral = self.gain / sample_rate_hz / (1.0 - z)
+        return integral * control, integral
+
+
+def _delay_operator(frequency_hz: ArrayLike, sample_rate_hz: float) -> NDArray[np.complex128]:
+    """Return the response of a delay by one sample."""
+    omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64) / sample_rate_hz
+    return np.exp(-1j * omega)
+
+
+def _of_section(section: NDArray[np.float64], z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the response of a section, by that of a delay by one sample."""
+    b0, b1, b2, a1, a2 = section
+    return (b0 + b1 * z + b2 * z * z) / (1.0 + a1 * z + a2 * z * z)
+
+
+def _lowpass(frequency_hz: float, damping: float, sample_rate_hz: float) -> NDArray[np.float64]:
+    """Return b0, b1, b2, a1, a2 (a0 = 1) of a second-order low-pass of unit static gain."""
+    w = math.tan(math.pi * _below_nyquist(frequency_hz, sample_rate_hz) / sample_rate_hz)
+    a0 = 1.0 + 2.0 * damping * w + w * w
+    b = w * w / a0
+    last = (1.0 - 2.0 * damping * w + w * w) / a0
+    return np.array([b, 2.0 * b, b, 2.0 * (w * w - 1.0) / a0, last])
 
 
 def _below_nyquist(frequency_hz: float, sample_rate_hz: float) -> float:
@@ -156,3 +254,40 @@ def _below_nyquist(frequency_hz: float, sample_rate_hz: float) -> float:
             f"{sample_rate_hz:g} Hz"
         )
     return frequency_hz
+
+
+def parallel_gains(settings: ServoSettings) -> dict[str, float] | None:
+    """Return the parallel gains of a PID without notches and low-pass, or None."""
+    if settings.second_integral_hz is not None or len(settings.leads) > 1:
+        return None
+    p, i = settings.proportional, settings.integral
+    zero, pole = 0.0, 0.0
+    for lead in settings.leads:
+        zero, pole = (0.5 / (math.pi * f) for f in (lead.zero_hz, lead.pole_hz))
+    proportional = p + i * (zero - pole)
+    return {
+        "proportional": proportional,
+        "integral": i,
+        "derivative": p * zero - proportional * pole,
+        "derivative_time_constant": pole,
+    }
+
+
+def pi_parameters(settings: ServoSettings) -> dict[str, float] | None:
+    """Return the parameters of a controller by Physik Instrumente, units as of its axis in um.
+
+    None for a control with a filter that its parameters do not have.
+    """
+    if settings.leads or settings.lowpass_hz or settings.second_integral_hz:
+        return None
+    numbers = {
+        "0x07000300": 1e-6 * settings.proportional,
+        "0x07000301": 1e-6 * settings.integral,
+    }
+    for slot, notch in enumerate(settings.notches):
+        numbers |= {
+            f"0x0800010{slot}": notch.frequency_hz,
+            f"0x0800020{slot}": notch.zero_damping / notch.pole_damping,
+            f"0x0800030{slot}": 2.0 * notch.pole_damping,
+        }
+    return numbers

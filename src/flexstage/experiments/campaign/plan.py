@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flexstage.base.errors import ModelError, StageError
-from flexstage.experiments.campaign.requests import (
+from flexstage.experiments.requests import (
     CharacteriseRequest,
     Columns,
     Evaluation,

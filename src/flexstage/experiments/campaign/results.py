@@ -11,7 +11,7 @@ from flexstage.base.errors import FlexstageError, ModelError, RecordError
 from flexstage.base.short_repr import short_repr
 from flexstage.experiments.campaign.loading import load_records
 from flexstage.experiments.campaign.plan import KINDS, Campaign, Test
-from flexstage.experiments.campaign.requests import CharacteriseRequest
+from flexstage.experiments.requests import CharacteriseRequest
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.quantities.characteristic import (

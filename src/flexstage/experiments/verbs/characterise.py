@@ -10,9 +10,9 @@ import numpy as np
 
 from flexstage.base.errors import PlanError
 from flexstage.experiments.campaign.plan import KINDS, Campaign, Columns, Test
-from flexstage.experiments.campaign.requests import Evaluation
 from flexstage.experiments.campaign.results import Characterisation, TestResult, figure_of
 from flexstage.experiments.command import RESPONSE
+from flexstage.experiments.requests import Evaluation
 from flexstage.experiments.verb import PlanLookup, ResultLookup, RunContext, StepResult, Verb
 from flexstage.experiments.verbs.measure import Measure, MeasuredStep
 from flexstage.quantities.characteristic import MeasuredCharacteristic

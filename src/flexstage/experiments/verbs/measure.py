@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from flexstage.base.errors import PlanError
 from flexstage.experiments.campaign.plan import KINDS
-from flexstage.experiments.campaign.requests import Evaluation, Roles
+from flexstage.experiments.requests import Evaluation, Roles
 from flexstage.experiments.verb import (
     PlanContext,
     PlanLookup,

@@ -9,6 +9,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.control.dynamic_budget import DynamicBudget
 from flexstage.control.measured_response import ResponseDesign
+from flexstage.control.tuning import AxesDesign
 from flexstage.measure.noise.hold import AllanDeviation, HoldNoise
 from flexstage.measure.noise.staircase import Staircase
 from flexstage.measure.uncertainty.propagate import Propagated
@@ -147,6 +148,26 @@ def draw_loops(design: ResponseDesign) -> "Figure":
     set_title(size, f"{design.loop.name} at {design.loop.sample_rate:g} Hz")
     set_title(nyquist, f"measured (blue) and {len(design.members)} in all")
     set_title(sensitivity, f"at most {highest:.3g}")
+    return figure
+
+
+def draw_axes(design: AxesDesign) -> "Figure":
+    """Draw cross-talk before (dashed) and after decoupling, and the sensitivity of all axes."""
+    figure, (talk, sensitivity) = panels(10.2, 3.9, 2, 2)
+    found = design.decoupling
+    for k, name in enumerate(found.outputs):
+        look = {"color": CYCLE[k % len(CYCLE)], "linewidth": 1.0}
+        talk.loglog(found.lines_hz, found.before[:, k], linestyle=DASHED, **look)
+        talk.loglog(found.lines_hz, found.after[:, k], label=name, **look)
+    for one in design.whole:
+        sensitivity.semilogx(one.frequency_hz, one.sensitivity, color=CYCLE[0], linewidth=0.8)
+    highest = max(one.sensitivity_peak for one in design.whole)
+    sensitivity.axhline(highest, color=INK, linewidth=0.9, linestyle=DASHED)
+    label_axes(talk, "frequency [Hz]", "motion by others over own motion")
+    label_axes(sensitivity, "frequency [Hz]", "largest singular value of the sensitivity")
+    add_legend(talk, loc="upper left")
+    set_title(talk, "Cross-talk before (dashed) and after")
+    set_title(sensitivity, f"All axes together: at most {highest:.3g}")
     return figure
 
 

@@ -14,8 +14,7 @@ from flexstage.report.figures.responses import bode_curves
 from flexstage.report.figures.style import CYCLE
 from flexstage.system import FrequencyResponse
 from flexstage.web.analyse.shapes import NOTHING_YET
-from flexstage.web.analyse.state import AnalyseState
-from flexstage.web.analyse.work import ModelResult
+from flexstage.web.analyse.work import AnalyseState, ModelResult
 from flexstage.web.figures import chart, show_table
 from flexstage.web.page import Page, choice, div, remark
 from flexstage.web.pictures import chart_figure

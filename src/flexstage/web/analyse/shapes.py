@@ -14,8 +14,7 @@ from flexstage.quantities.quantity import number
 from flexstage.report.figures.body_motion import MODE_AMPLITUDE, exaggeration
 from flexstage.report.figures.hinges import STRESS_CLEAR, STRESS_COLOURS
 from flexstage.report.figures.surface import StageSurface, SurfaceState
-from flexstage.web.analyse.state import AnalyseState
-from flexstage.web.analyse.work import ModelResult
+from flexstage.web.analyse.work import AnalyseState, ModelResult
 from flexstage.web.page import Page, choice, div, quiet_button, remark
 from flexstage.web.sessions import Preferences
 

@@ -16,8 +16,8 @@ from flexstage.studies.requests import ModelOptions
 from flexstage.system.environment import ready_text
 from flexstage.web.analyse.bode import Bode
 from flexstage.web.analyse.shapes import NOTHING_YET, Shapes
-from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import (
+    AnalyseState,
     ModelResult,
     analyse_variant,
     errors_table,
