@@ -198,11 +198,14 @@ def _residual_parts(fits: Sequence[HarmonicFit], table: Array) -> tuple[Array, i
         # in one turn errors of the scale look like noise, except at the orders about the first
         near = noise_amplitudes(spectra)
         return np.hstack((near.real, near.imag)), 16
-    keep = np.ones(table.size, dtype=bool)
+    residuals, turns = np.stack([f.residual for f in fits]), find_turns(table)
     for f in fits:
-        keep[[o.index for o in f.outliers]] = False
-    no_outliers = bool(keep.all())
-    residuals = np.stack([f.residual if no_outliers else f.residual[keep] for f in fits])
+        residuals[:, [o.index for o in f.outliers]] = 0.0
+    if 1 < turns.full < MANY_TURNS:
+        # errors of the scale repeat in every turn: noise is what lies between their frequencies
+        part = np.fft.rfft(residuals[:, : round(turns.full / turns.count * table.size)])
+        part = part[:, np.arange(part.shape[1]) % turns.full > 0]
+        residuals = np.hstack((part.real, part.imag))
     return residuals, 10 * len(fits)
 
 
