@@ -81,12 +81,8 @@ def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTu
     4.00 0.25
     """
     turns, y = _over_turns(angle, value)
+    _require_two(turns, "synchronous")
     full_turns = len(turns.bounds) - 1
-    if full_turns < 2 or turns.count < 1.9:
-        raise RecordError(
-            f"the samples cover {turns.count:.2f} turns: two turns or more are needed to separate "
-            "the synchronous error"
-        )
     if parts < 1:
         raise RecordError(f"a turn must have one part or more, got {parts}")
     part, offset = _parts(turns.angle, parts)
@@ -120,6 +116,14 @@ def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTu
         ),
         turns=full_turns,
     )
+
+
+def _require_two(turns: Turns, what: str) -> None:
+    if turns.count < 1.9:
+        raise RecordError(
+            f"the samples cover {turns.count:.2f} turns: two turns or more are needed to separate "
+            f"the {what} error"
+        )
 
 
 def _over_turns(angle: ArrayLike, value: ArrayLike) -> tuple[Turns, Array]:
@@ -203,7 +207,7 @@ def error_motion(
     """
     turns, y = _over_turns(angle, value)
     per_turn = round(y.size / turns.count)
-    full = math.floor(turns.count + 0.5 / max(per_turn, 1))
+    full = turns.full
     u = turns.direction * (turns.angle - turns.angle[0]) / _TURN
     order = np.argsort(u, kind="stable")
     u, y = u[order], y[order]
@@ -380,11 +384,7 @@ def axis_motion(
             + f", got heads at {np.degrees(alpha).round(1).tolist()} deg"
         )
     turns = find_turns(angle)
-    if turns.count < 1.9:
-        raise RecordError(
-            f"the samples cover {turns.count:.2f} turns: two turns or more are needed to separate "
-            "the asynchronous error"
-        )
+    _require_two(turns, "asynchronous")
     fits = fit_many(turns.angle, y, orders=orders, robust=False)
     asynchronous = np.column_stack([f.residual for f in fits])
     inverse = np.linalg.pinv(design)

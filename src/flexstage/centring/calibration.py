@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError, RecordError
-from flexstage.centring.calibration_table import CalibrationTable, listed
+from flexstage.centring.calibration_table import CalibrationTable, listed, require_points
 from flexstage.centring.turns import (
     TurnSpectrum,
     point_variance,
@@ -611,9 +611,7 @@ def _require_uncertainty(u: float) -> None:
 
 def _require_table(orders: tuple[int, ...], points: int, blind_allowance: float) -> None:
     _require_uncertainty(blind_allowance)
-    highest = orders[-1]
-    if points <= 2 * highest:
-        raise ModelError(f"order {highest} needs more than {2 * highest} points, got {points}")
+    require_points(orders[-1], points)
 
 
 def _common_motion(alpha: Array, *, angle: bool, axis: bool) -> Array:

@@ -13,6 +13,7 @@ from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.harmonic_fit import Harmonic
 from flexstage.centring.requests import MAGNET
 from flexstage.centring.setup import Setup
+from flexstage.files.plain import picked
 from flexstage.quantities.estimate import Estimate
 
 #: The shortest calibration move, in uncertainties of eccentricity and position.
@@ -318,12 +319,7 @@ def _uncertainty(r: OrderResponse) -> float:
 
 
 def _as_data(r: OrderResponse) -> dict[str, Any]:
-    return {
-        "order": r.order,
-        "change": r.change,
-        "residual": r.residual,
-        "relation": r.relation,
-        "gain": r.gain,
+    return picked(r, "order", "change", "residual", "relation", "gain") | {
         "x": None if r.x is None else r.x.value,
         "y": None if r.y is None else r.y.value,
         "uncertainty_x": None if r.x is None else r.x.uncertainty,

@@ -294,12 +294,7 @@ class CalibrationTable:
         ModelError
             There are too few points.
         """
-        highest = max((*self.orders, *self.blind), default=0)
-        if points <= 2 * highest:
-            raise ModelError(
-                f"order {highest} needs more than {2 * highest} points, got {points}: give more "
-                "points, or fewer orders"
-            )
+        require_points(max((*self.orders, *self.blind), default=0), points)
         s = 2.0 * np.pi * np.arange(points) / points
         phase = np.multiply.outer(s, np.asarray(self.orders, dtype=np.float64))
         waves = np.hstack((np.cos(phase), np.sin(phase)))
@@ -379,6 +374,15 @@ class CalibrationTable:
             source=self.method,
             notes=tuple(notes),
             over="point",
+        )
+
+
+def require_points(highest: int, points: int) -> None:
+    """Refuse too few points of a turn for its highest order."""
+    if points <= 2 * highest:
+        raise ModelError(
+            f"order {highest} needs more than {2 * highest} points, got {points}: give more "
+            "points, or fewer orders"
         )
 
 

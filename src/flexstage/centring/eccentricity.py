@@ -21,6 +21,7 @@ from flexstage.centring.harmonic_fit import (
     HarmonicFit,
     direction_estimate,
     length_estimate,
+    satterthwaite,
 )
 from flexstage.centring.harmonics import fit_harmonics, fit_many
 from flexstage.centring.least_squares import Noise, densities, noise_amplitudes
@@ -197,11 +198,14 @@ def _residual_parts(fits: Sequence[HarmonicFit], table: Array) -> tuple[Array, i
         # in one turn errors of the scale look like noise, except at the orders about the first
         near = noise_amplitudes(spectra)
         return np.hstack((near.real, near.imag)), 16
-    keep = np.ones(table.size, dtype=bool)
+    residuals, turns = np.stack([f.residual for f in fits]), find_turns(table)
     for f in fits:
-        keep[[o.index for o in f.outliers]] = False
-    no_outliers = bool(keep.all())
-    residuals = np.stack([f.residual if no_outliers else f.residual[keep] for f in fits])
+        residuals[:, [o.index for o in f.outliers]] = 0.0
+    if 1 < turns.full < MANY_TURNS:
+        # errors of the scale repeat in every turn: noise is what lies between their frequencies
+        part = np.fft.rfft(residuals[:, : round(turns.full / turns.count * table.size)])
+        part = part[:, np.arange(part.shape[1]) % turns.full > 0]
+        residuals = np.hstack((part.real, part.imag))
     return residuals, 10 * len(fits)
 
 
@@ -212,7 +216,7 @@ def _pooled_freedom(fits: Sequence[HarmonicFit]) -> float:
         float(np.trace(h.covariance)) / (f.noise_rms**2 or 1.0)
         for h, f in zip(harmonics, fits, strict=True)
     ]
-    return _satterthwaite(relative, [h.cosine.degrees_of_freedom for h in harmonics])
+    return satterthwaite(relative, [h.cosine.degrees_of_freedom for h in harmonics])
 
 
 def _least_freedom(fits: Sequence[HarmonicFit], estimator: Array, v: Array) -> float:
@@ -221,16 +225,7 @@ def _least_freedom(fits: Sequence[HarmonicFit], estimator: Array, v: Array) -> f
     for i in range(0, v.shape[0], 2):
         part = estimator[:2, i : i + 2]
         shares.append(float(np.trace(part @ v[i : i + 2, i : i + 2] @ part.T)))
-    return _satterthwaite(shares, [f.harmonic(1).cosine.degrees_of_freedom for f in fits])
-
-
-def _satterthwaite(variances: Sequence[float], freedoms: Sequence[float]) -> float:
-    total = sum(variances)
-    if total == 0.0:
-        return min(freedoms)
-    inverse = sum((s / total) ** 2 / n for s, n in zip(variances, freedoms, strict=True))
-    # exact readings have no noise to know
-    return 1.0 / inverse if inverse > 0.0 else math.inf
+    return satterthwaite(shares, [f.harmonic(1).cosine.degrees_of_freedom for f in fits])
 
 
 def _root(block: Array) -> Array:

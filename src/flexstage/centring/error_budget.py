@@ -17,8 +17,9 @@ from flexstage.centring.table_file import CodeTracks, RotaryTable
 
 #: Coverage factor of an expanded uncertainty of 95 %.
 COVERAGE = 2.0
-#: Variance of an error over the square of its size: a sine over the turn, a value anywhere between
-#: two limits, a normal distribution (GUM, JCGM 100:2008, 4.3).
+#: A sine over the turn, a value anywhere between two limits, a normal distribution.
+_Distribution = Literal["sine", "limits", "normal"]
+#: Variance of an error over the square of its size (GUM, JCGM 100:2008, 4.3).
 _VARIANCES = {"sine": 0.5, "limits": 1.0 / 3.0, "normal": 1.0}
 #: What rounding leaves of heads that cancel an order.
 _ROUNDING = 1e-12
@@ -32,7 +33,7 @@ class ReadingError:
     """The cause."""
     order: int | None
     """Periods in a turn; None where it has no single order."""
-    distribution: Literal["sine", "limits", "normal"]
+    distribution: _Distribution
     """A sine of this amplitude, a value within these limits, or this standard deviation."""
     each: float
     """Size of the error of one head [rad]."""
@@ -130,6 +131,11 @@ def _every(table: RotaryTable, eccentricity: float) -> Iterator[ReadingError]:
             centred=centred,
         )
 
+    def of_heads(cause: str, order: int | None, kind: _Distribution, size: float) -> ReadingError:
+        # independent from head to head
+        mean = size / math.sqrt(number)
+        return ReadingError(cause=cause, order=order, distribution=kind, each=size, mean=mean)
+
     yield of_scale("eccentricity", 1, x, centred=True)
     next_order = (2, 0.5 * x**2) if scale.kind == "disc" else (3, x**3 / 24.0)
     yield of_scale("eccentricity", *next_order, centred=True)
@@ -145,29 +151,11 @@ def _every(table: RotaryTable, eccentricity: float) -> Iterator[ReadingError]:
     yield of_scale("tilted scale", 2, 0.25 * scale.tilt**2)
     for line in scale.graduation:
         yield of_scale("graduation", line.order, line.amplitude)
-    # independent from head to head
-    yield ReadingError(
-        cause="interpolation",
-        order=scale.lines,
-        distribution="sine",
-        each=heads.interpolation,
-        mean=heads.interpolation / math.sqrt(number),
-    )
+    yield of_heads("interpolation", scale.lines, "sine", heads.interpolation)
     if scale.tracks is not None:
-        yield ReadingError(
-            cause="step of the code",
-            order=2**scale.tracks.bits,
-            distribution="limits",
-            each=0.5 * scale.tracks.step,
-            mean=0.5 * scale.tracks.step / math.sqrt(number),
-        )
-    yield ReadingError(
-        cause="noise of heads",
-        order=None,
-        distribution="normal",
-        each=heads.noise,
-        mean=heads.noise / math.sqrt(number),
-    )
+        half_step = 0.5 * scale.tracks.step
+        yield of_heads("step of the code", 2**scale.tracks.bits, "limits", half_step)
+    yield of_heads("noise of heads", None, "normal", heads.noise)
     of_translation = transmission_to_mean(table, 1)
     for cause, motion in (
         ("synchronous radial motion", axis.radial_synchronous),

@@ -91,8 +91,6 @@ def direction_estimate(
     >>> print(f"{np.degrees(phase.value):.2f} +- {np.degrees(phase.expanded):.2f} deg")
     53.13 +- 2.25 deg
     """
-    from dataclasses import replace
-
     v = np.asarray(vector, dtype=np.float64)
     cov = np.asarray(covariance, dtype=np.float64)
     length = math.hypot(v[0], v[1])
@@ -271,6 +269,16 @@ class HarmonicFit:
         return evaluated(turns, c, self.orders, drift=False)[:, 0]
 
 
+def satterthwaite(variances: Sequence[float], freedoms: Sequence[float]) -> float:
+    """Return the degrees of freedom of a sum of independent variances."""
+    total = sum(variances)
+    if total == 0.0:
+        return min(freedoms)
+    inverse = sum((s / total) ** 2 / n for s, n in zip(variances, freedoms, strict=True))
+    # exact readings have no noise to know
+    return 1.0 / inverse if inverse > 0.0 else math.inf
+
+
 def scale_harmonic(
     fits: Sequence[HarmonicFit], angles: NDArray[np.float64], order: int
 ) -> Harmonic:
@@ -302,10 +310,8 @@ def scale_harmonic(
         covariances.append(turn @ h.covariance @ turn.T)
     mean = np.mean(parts, axis=0)
     covariance = np.sum(covariances, axis=0) / len(parts) ** 2
-    shares = np.array([float(np.trace(v)) for v in covariances])
-    freedoms = np.array([h.cosine.degrees_of_freedom for h in harmonics])
-    total = float(shares.sum())
-    freedom = float(total**2 / np.sum(shares**2 / freedoms)) if total > 0.0 else math.inf
+    shares = [float(np.trace(v)) for v in covariances]
+    freedom = satterthwaite(shares, [h.cosine.degrees_of_freedom for h in harmonics])
     return harmonic_of(order, mean, covariance, freedom, fits[0].unit)
 
 
@@ -383,7 +389,7 @@ def fit_result(
     rms = float(inliers @ inliers) / free
     # rounded values can leave no residual: their step has at least a uniform distribution
     square = max(rms, problem.resolution**2 / 12.0)
-    white = square * np.linalg.inv(equations.gram.sum(axis=0))
+    white = square * equations.unit_covariance()
     # in the order of the samples, with zeros for outliers
     series = residual if keep is None else np.where(keep, residual, 0.0)
     factors, freedom, noise, spectra = _noise_of_residuals(
@@ -414,7 +420,7 @@ def fit_result(
         turns=turns.count,
         outliers=_outliers(problem, residual, keep, turns),
         noise=noise,
-        spectra=None if problem.drift else spectra,
+        spectra=spectra if turns.full == 1 else None,
         resolution=problem.resolution,
         unit=unit,
         notes=_notes(problem, white, square, turns, inliers.size)
@@ -498,22 +504,22 @@ def _noise_of_residuals(
     per_sample = turns.count / problem.u.size
     orders = np.repeat(np.array(problem.orders, dtype=np.float64), 2) * per_sample
     lowest = np.full(first, 0.5 / problem.u.size)
-    full_turns = max(1, math.floor(turns.count + 0.5 * per_sample))
     harmonics = None
-    if full_turns > 1:
-        residual = residual[: round(full_turns / per_sample)]
-    elif abs(turns.count - 1.0) < 0.01:
+    if turns.full > 1 or problem.readings is not None:
+        residual = residual[: round(turns.full / per_sample)]
+    if turns.full == 1 and turns.count > 0.99:
         others = c.copy()
-        others[0] = 0.0
+        others[:first] = 0.0
         if problem.orders[0] == 1:
             others[first : first + 2] = 0.0
-        harmonics = evaluated(problem.u, others[:, None], problem.orders, drift=False)[:, 0]
+        u = problem.u[: residual.size]
+        harmonics = evaluated(u, others[:, None], problem.orders, drift=problem.drift)[:, 0]
     noise = from_spectrum(
         residual,
         np.concatenate((lowest, orders)),
         [*([per_sample] if problem.drift else []), *orders],
         per_sample,
-        full_turns,
+        turns.full,
         harmonics,
     )
     if noise is None:

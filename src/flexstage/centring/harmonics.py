@@ -34,13 +34,15 @@ def fit_harmonics(
 
     .. math:: y(\theta) = c + d\,\frac{\theta}{2\pi} + \sum_n a_n \cos n\theta + b_n \sin n\theta
 
-    The coefficients are those of least squares. A drift is fitted from about two turns on, as one
-    turn hardly separates it from harmonics. The covariance allows for correlated noise: from eight
-    turns on it follows from the scatter of turns, from two on from the spectrum of the residuals
-    between the orders, and in one turn from the orders around the first, of which those that stand
-    out belong to the scale. An outlier is a single sample that deviates: an error of several
-    samples, or one that repeats in other turns, belongs to the scale. If more than 1 % of the
-    samples are rejected, the intervals cover the fit of all samples too.
+    The coefficients are those of least squares. A drift is fitted from 1.04 turns on, as one turn
+    hardly separates it from harmonics. Below eight turns it follows from the differences between
+    readings of one angle alone, and angles that are read more often than others have no more
+    weight: errors of the scale at other orders leave no trace in harmonics. The covariance allows
+    for correlated noise: from eight turns on it follows from the scatter of turns, from two on from
+    the spectrum of the residuals between the orders, and below from the orders around the first in
+    one turn, of which those that stand out belong to the scale. An outlier is a single sample that
+    deviates: an error of several samples, or one that repeats in other turns, belongs to the scale.
+    If more than 1 % of the samples are rejected, the intervals cover the fit of all samples too.
 
     Parameters
     ----------
@@ -73,9 +75,11 @@ def fit_harmonics(
     on, which they leave out; a sharp error of a single sample counts as an outlier. Simulated
     intervals of order 1 of one turn hold white noise in 93 to 96 %, but a random walk with 7 times
     its part of order 1 in 45 to 73 %, and with 22 times or more in 74 to 95 %: a scale with errors
-    of a few low orders looks the same. Noise over fewer than eight turns: white, alone or with a
-    random walk, a drift or noise below a corner frequency, in samples at about equal steps. Errors
-    of the angle times the slope of the values are noise too.
+    of a few low orders looks the same. From 1.05 turns on they hold a linear drift in 93 to 97 %,
+    for which they are 1.44 times as wide as without any at 1.05 turns, 1.13 times at 1.2. Noise
+    over fewer than eight turns: white, alone or with a random walk, a drift or noise below a corner
+    frequency, in samples at about equal steps. Errors of the angle times the slope of the values
+    are noise too.
 
     Raises
     ------
@@ -163,8 +167,9 @@ def fit_many(
         )
     turns = find_turns(theta)
     fitted_orders = _orders(orders, turns.angle)
-    # the least number of turns that separate a drift from harmonics
-    with_drift = turns.count >= 1.9
+    again = turns.direction != 0 and turns.count > 1.01 and turns.full < MANY_TURNS
+    # the least numbers of turns that separate a drift from harmonics, in sequence and in any order
+    with_drift = turns.count >= (1.04 if turns.direction else 1.9)
     _require_enough(turns, fitted_orders, with_drift)
     # about the middle, drift and offset are least correlated, and the offset is the mean
     middle = 0.5 * (turns.angle.max() + turns.angle.min()) / _TURN
@@ -172,7 +177,7 @@ def fit_many(
     problem = HarmonicProblem(
         u=turns.angle / _TURN - shift, y=y, orders=fitted_orders, drift=with_drift,
         middle=middle - shift, bounds=turns.bounds if len(turns.bounds) > MANY_TURNS else None,
-        resolution=resolution,
+        resolution=resolution, readings=turns.readings() if again else None,
     )  # fmt: skip
     equations = problem.sums(None)
     coefficients = solved(equations, fitted_orders)

@@ -25,8 +25,13 @@ class NormalEquations:
     """Products of the functions, for each group of samples, shape (groups, p, p)."""
     right: Array
     """Products of the functions with each column of values, shape (groups, p, m)."""
-    squares: Array
-    """Squares of the values, shape (groups, m)."""
+    scatter: Array | None = None
+    """Covariance of `right` for noise of variance 1, shape (p, p); None if it is the gram."""
+
+    def unit_covariance(self) -> Array:
+        """Return the covariance of the coefficients for white noise of variance 1."""
+        inverse = np.linalg.inv(self.gram.sum(axis=0))
+        return inverse if self.scatter is None else inverse @ self.scatter @ inverse.T
 
 
 def accumulated(
@@ -54,7 +59,6 @@ def accumulated(
     # rows: cosine and sine of each order; columns: weight, weight x turn, weighted values
     table = np.zeros((groups, 2, 2 * highest + 1, 2 + m))
     drifts = np.zeros((groups, 1 + m))
-    squares = np.zeros((groups, m))
     for g in range(groups):
         for start in range(edges[g], edges[g + 1], _CHUNK):
             part = slice(start, min(start + _CHUNK, edges[g + 1]))
@@ -65,12 +69,10 @@ def accumulated(
             # the values are needed up to the highest order only
             table[g, :, :, :2] += waves @ columns[:, :2]
             table[g, :, : highest + 1, 2:] += waves[:, : highest + 1] @ columns[:, 2:]
-            squares[g] += np.einsum("ij,ij->j", y, columns[:, 2:])
             drifts[g] += u @ columns[:, 1:]
     return NormalEquations(
         gram=_gram(table, drifts, orders, drift),
         right=_right(table, drifts, orders, drift),
-        squares=squares,
     )
 
 
@@ -164,16 +166,40 @@ class HarmonicProblem:
     """First sample of each turn and, at the end, the number of samples; None for one group."""
     resolution: float = 0.0
     """Step of the values."""
+    readings: tuple[Array, Array] | None = None
+    """`Turns.readings` of each sample, shape (n,) each; None for plain least squares."""
 
     def column(self, j: int) -> "HarmonicProblem":
         """Return the problem of one column alone."""
         return replace(self, y=self.y[:, j : j + 1])
 
     def sums(self, weights: Array | None) -> NormalEquations:
-        """Return the normal equations."""
-        return accumulated(
-            self.u, self.y, self.orders, drift=self.drift, weights=weights, bounds=self.bounds
-        )
+        """Return the normal equations.
+
+        With `readings`, all angles have the same weight, however often they are read, and the
+        equation of the drift is that of the differences between readings of one angle. These are
+        the least squares of a scale with an error of its own at each angle (fixed effects), of
+        whose turn the harmonics are fitted: orders that are not fitted do not leak into them.
+        """
+
+        def of(w: Array | None, y: Array) -> NormalEquations:
+            return accumulated(
+                self.u, y, self.orders, drift=self.drift, weights=w, bounds=self.bounds
+            )
+
+        if self.readings is None:
+            return of(weights, self.y)
+        inliers = np.ones(self.u.size) if weights is None else weights
+        readings, later = self.readings
+        w, none = inliers / readings, self.y[:, :0]
+        sums, scatter = of(w, self.y), of(w * w, none).gram[0]
+        if self.drift:
+            a = later * inliers
+            change = of(a, self.y)
+            sums.gram[0, 1], sums.right[0, 1] = change.gram[0, 0], change.right[0, 0]
+            scatter[1] = scatter[:, 1] = of(a * w, none).gram[0, 0]
+            scatter[1, 1] = a @ a
+        return replace(sums, scatter=scatter)
 
     def residual(self, coefficients: Array) -> Array:
         """Return the residuals of the values, shape (n, m), for coefficients of shape (p, m)."""
@@ -202,11 +228,7 @@ def solved(equations: NormalEquations, orders: tuple[int, ...]) -> Array:
 
 def of_column(equations: NormalEquations, j: int) -> NormalEquations:
     """Return the normal equations of one column."""
-    return NormalEquations(
-        gram=equations.gram,
-        right=equations.right[:, :, j : j + 1],
-        squares=equations.squares[:, j : j + 1],
-    )
+    return replace(equations, right=equations.right[:, :, j : j + 1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

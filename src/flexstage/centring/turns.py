@@ -30,6 +30,18 @@ class Turns:
     coverage: float
     """Share of a turn that has samples [1]: 1 minus the largest gap, plus the usual gap."""
 
+    @property
+    def full(self) -> int:
+        """Number of full turns, or 1 for part of one."""
+        return max(1, math.floor(self.count * (1.0 + 0.5 / self.angle.size)))
+
+    def readings(self) -> tuple[Array, Array]:
+        """Return how often the angle of each sample is read, and its turn less their mean turn."""
+        v, half = np.abs(self.angle - self.angle[0]) / _TURN, 0.5 * self.count / self.angle.size
+        number = np.floor(v + half)
+        readings = np.floor(v.max() + half - (v - number)) + 1.0
+        return readings, self.direction * (number - 0.5 * (readings - 1.0))
+
 
 def find_turns(angle: ArrayLike) -> Turns:
     """Unwrap an angle, and find the turns.
