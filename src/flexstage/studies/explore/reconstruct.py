@@ -24,7 +24,7 @@ from flexstage.base import progress
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ConvergenceError, FlexstageError, ModelError
 from flexstage.base.provenance import provenance
-from flexstage.measure.posterior import Posterior, half_square, most_probable
+from flexstage.measure.posterior import FAR, Posterior, half_square, most_probable
 from flexstage.stage import check
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.batches import Job
@@ -174,6 +174,7 @@ class _Fit:
         self.target = self.scaled(np.array([o.value for o in observations])) / self.spread
         self.correction = correction or Correction.none(self.size, len(self.observations))
         self._last: tuple[Array, Array, Array] | None = None
+        self._refused = 0
 
     def scaled(self, values: Array) -> Array:
         """Return values, or their logarithms."""
@@ -198,6 +199,14 @@ class _Fit:
         return self.target - self.predicted(x[None])[0]
 
     def residual_or_refused(self, x: Array) -> Array:
+        residual = self._possible(x)
+        self._refused = 0 if np.isfinite(residual).all() else self._refused + 1
+        # a step that is refused however short leads to a limit, along which `_up_to_limits` goes
+        if self._refused > _EFFORT.halvings:
+            raise ConvergenceError(FAR)
+        return residual
+
+    def _possible(self, x: Array) -> Array:
         residual = self.residual(x)
         return residual if np.isfinite(residual).all() else np.full(residual.size, math.inf)
 
@@ -235,6 +244,7 @@ class _Fit:
         return min(searches, key=lambda pair: self._cost(pair[0]))
 
     def _from(self, start: Array) -> tuple[Array, Array]:
+        self._refused = 0
         try:
             best, *_ = most_probable(self, start)
         except ConvergenceError:
@@ -242,7 +252,7 @@ class _Fit:
         return best, best
 
     def _cost(self, x: Array) -> float:
-        return half_square(self.residual_or_refused(x), x)
+        return half_square(self._possible(x), x)
 
     def _explained(self, x: Array) -> bool:
         """Return whether figures and prior do not contradict each other at x."""
