@@ -70,8 +70,8 @@ CHANCE = 2.5
 #: Fewest members whose standard deviation counts: it is known to 11 %.
 FEWEST_MEMBERS = 40
 #: Standard deviation from mesh to mesh of a figure that an ideal stage does not have, and its least
-#: value with a range, in parts of the assumed noise of a measurement: drift of linked parallelograms
-#: is 0.14 rms and 0.3 at most; symmetric bridges turn by up to 0.05.
+#: value with a range, in parts of the assumed noise of a measurement: it is 0.14 for the drift of
+#: linked parallelograms; symmetric bridges turn by up to 0.05.
 _MESH = 0.2
 
 Kind = Literal["given", "predicted"]
