@@ -347,7 +347,11 @@ def test_a_figure_of_the_mesh_alone_has_no_range():
             **more,
         )
 
-    assert not with_coupling(4e-4).figure(coupling.name).zero
+    row = with_coupling(4e-4).figure(coupling.name)
+    assert not row.zero
+    # of the dimensions, 0.5 % of the value by the mesh, and 0.2 of what a bench can tell from zero
+    spread = math.hypot(row.laplace, 5e-3 * 4e-4, 0.2 * 1e-4)
+    assert row.high - row.low == pytest.approx(2 * 1.959964 * spread, rel=1e-6)
     mesh = with_coupling(4e-6)
     row = mesh.figure(coupling.name)
     assert row.zero
@@ -444,6 +448,20 @@ def test_a_search_that_explains_nothing_is_repeated_from_elsewhere():
     np.testing.assert_array_equal(best, centre)
     # the first start with a slope explains the figure, and no other is tried
     assert len(starts) == 2
+
+
+def test_a_limit_next_to_the_start_needs_no_more_derivatives():
+    # (5 - x)^2 + x^2 is least at 2.5, but there is no stage beyond 0.001
+    fit = _Fit.__new__(_Fit)
+    fit.size, fit.target = 1, np.array([5.0])
+    fit.stages = SimpleNamespace(exists=lambda x: x[0] < 1e-3)
+    fit.predicted = lambda x: np.where(x < 1e-3, x, np.nan)
+    slopes = []
+    fit.jacobian = lambda x: (slopes.append(x), np.ones((1, 1)))[1]
+    best, centre = fit._from(np.zeros(1))
+    assert best[0] < 1e-3
+    assert centre[0] == pytest.approx(2.5, rel=1e-12)
+    assert len(slopes) <= 4
 
 
 @pytest.mark.parametrize(

@@ -69,9 +69,10 @@ DISAGREEMENT = 0.3
 CHANCE = 2.5
 #: Fewest members whose standard deviation counts: it is known to 11 %.
 FEWEST_MEMBERS = 40
-#: Part of the assumed noise of a measurement below which a figure that an ideal stage does not have
-#: is due to the mesh: symmetric bridges turn by up to 0.05 of it.
-_MESH = 0.1
+#: Standard deviation from mesh to mesh of a figure that an ideal stage does not have, and its least
+#: value with a range, in parts of the assumed noise of a measurement: it is 0.14 for the drift of
+#: linked parallelograms; symmetric bridges turn by up to 0.05.
+_MESH = 0.2
 
 Kind = Literal["given", "predicted"]
 Origin = Literal["Laplace", "ensemble"]
@@ -277,6 +278,11 @@ def model_error(figure: Figure) -> float:
     return STRESS_ERROR if figure.quantity in _STRESS else MODEL_ERROR
 
 
+def _mesh_alone(figure: Figure) -> float:
+    """Return the scatter by the mesh of a figure that may be zero, in its unit; 0 of others."""
+    return _MESH * _NOISE.get(figure.quantity, 0.0) if figure.display.zero else 0.0
+
+
 def noise_of(figure: Figure, value: float) -> float:
     """Return the assumed noise of a measurement of a figure, in its unit."""
     return _NOISE.get(figure.quantity, MODEL_ERROR * abs(value))
@@ -468,7 +474,8 @@ class Ensemble(Result):
             figure, middle = self.figures[i], float(self.middle[i])
             kind: Kind = "given" if figure in observed else "predicted"
             ranges = _ranges(middle, float(spread[i]), of_members[:, i], float(before[i]))
-            error = model_error(figure) * (1.0 if self.logarithmic[i] else abs(middle))
+            size = 1.0 if self.logarithmic[i] else abs(middle)
+            error = math.hypot(model_error(figure) * size, _mesh_alone(figure))
             ends = ranges.ends if kind == "given" else _widened(ranges.ends, error)
             if self.zeros[i]:
                 ends = np.array([0.0, math.nan, math.nan])
@@ -494,10 +501,7 @@ class Ensemble(Result):
     def zeros(self) -> NDArray[np.bool_]:
         """True for predicted figures that are zero but for the mesh, by symmetry, shape (f,)."""
         observed = {o.figure for o in self.observations}
-        least = [
-            _MESH * _NOISE.get(f.quantity, 0.0) if f.display.zero and f not in observed else 0.0
-            for f in self.figures
-        ]
+        least = [0.0 if f in observed else _mesh_alone(f) for f in self.figures]
         every = np.vstack([self.described, self.best_values, self.values])
         return np.nan_to_num(np.abs(every)).max(axis=0) < np.array(least)
 

@@ -24,7 +24,7 @@ from flexstage.base import progress
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ConvergenceError, FlexstageError, ModelError
 from flexstage.base.provenance import provenance
-from flexstage.measure.posterior import Posterior, half_square, most_probable
+from flexstage.measure.posterior import FAR, Posterior, half_square, most_probable
 from flexstage.stage import check
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.batches import Job
@@ -57,8 +57,8 @@ class _Effort:
     approaches: int = 5
     """Largest number of superelements on the way to the most probable stage."""
     starts: int = 12
-    """Draws of the prior from which the most probable stage is searched where the first search
-    leaves figures unexplained; draws that do not exist are omitted.
+    """Starts of further searches where the first one leaves figures unexplained: draws about the
+    best linear estimate so far, of stages that exist.
     """
     near: float = 0.3
     """Distance, in standard deviations before, over which derivatives hold: a stage this far from
@@ -174,6 +174,7 @@ class _Fit:
         self.target = self.scaled(np.array([o.value for o in observations])) / self.spread
         self.correction = correction or Correction.none(self.size, len(self.observations))
         self._last: tuple[Array, Array, Array] | None = None
+        self._refused = 0
 
     def scaled(self, values: Array) -> Array:
         """Return values, or their logarithms."""
@@ -198,6 +199,14 @@ class _Fit:
         return self.target - self.predicted(x[None])[0]
 
     def residual_or_refused(self, x: Array) -> Array:
+        residual = self._possible(x)
+        self._refused = 0 if np.isfinite(residual).all() else self._refused + 1
+        # a step that is refused however short leads to a limit, along which `_up_to_limits` goes
+        if self._refused > _EFFORT.halvings:
+            raise ConvergenceError(FAR)
+        return residual
+
+    def _possible(self, x: Array) -> Array:
         residual = self.residual(x)
         return residual if np.isfinite(residual).all() else np.full(residual.size, math.inf)
 
@@ -220,21 +229,26 @@ class _Fit:
         They differ only where limits of the geometry exclude the latter. A search that leaves the
         given figures unexplained is repeated from elsewhere, until one explains them.
         """
-        first = self._from(start)
-        if self._explained(first[0]):
-            return first
+        best = self._from(start)
+        if self._explained(best[0]):
+            return best
         # limits of the geometry may stop the search on the way
-        generator = np.random.default_rng(0)
-        searches = [first]
-        for z in generator.standard_normal((_EFFORT.starts, self.size)):
+        generator, starts = np.random.default_rng(0), 0
+        for draw in generator.standard_normal((_EFFORT.draws, self.size)):
+            covariance = Posterior.of(self.jacobian(best[0])).covariance
+            z = best[1] + np.linalg.cholesky(covariance) @ draw
             if not self.stages.exists(z):
                 continue
-            searches.append(self._from(z))
-            if self._explained(searches[-1][0]):
-                return searches[-1]
-        return min(searches, key=lambda pair: self._cost(pair[0]))
+            found = self._from(z)
+            if self._explained(found[0]):
+                return found
+            best, starts = min(best, found, key=lambda pair: self._cost(pair[0])), starts + 1
+            if starts == _EFFORT.starts:
+                break
+        return best
 
     def _from(self, start: Array) -> tuple[Array, Array]:
+        self._refused = 0
         try:
             best, *_ = most_probable(self, start)
         except ConvergenceError:
@@ -242,7 +256,7 @@ class _Fit:
         return best, best
 
     def _cost(self, x: Array) -> float:
-        return half_square(self.residual_or_refused(x), x)
+        return half_square(self._possible(x), x)
 
     def _explained(self, x: Array) -> bool:
         """Return whether figures and prior do not contradict each other at x."""
@@ -251,9 +265,9 @@ class _Fit:
         return bool(chdtrc(len(self.target), 2.0 * self._cost(x)) > _UNLIKELY)
 
     def _up_to_limits(self, start: Array) -> tuple[Array, Array]:
-        """Search as `search` does, among stages that exist; coordinates at a limit stay there."""
+        """Search as `search` does, among stages that exist; coordinates at a limit wait there."""
         x, free = start, np.ones(self.size, dtype=bool)
-        for _ in range(_EFFORT.refinements):
+        for _ in range(2 * _EFFORT.refinements):
             jacobian, residual = self.jacobian(x), self.residual(x)
             step = _newton_step(jacobian, residual, x, free)
             if np.linalg.norm(step) < _EFFORT.settled:
@@ -264,12 +278,18 @@ class _Fit:
                 if not limited:
                     break
                 free[limited] = False
+            else:
+                free[:] = True
             x = x + fraction * step
         return x, x + _newton_step(self.jacobian(x), self.residual(x), x)
 
     def _fraction(self, x: Array, step: Array) -> float:
-        fractions = (0.5**k for k in range(_EFFORT.halvings))
-        return next((f for f in fractions if self.stages.exists(x + f * step)), 0.0)
+        """Return the part of a step to the most probable stage along it; 0 if none is better."""
+        fractions = np.array([0.0, *(0.5**k for k in range(_EFFORT.halvings))])
+        there = x + fractions[:, None] * step
+        squares = (self.target - self.predicted(there)) ** 2
+        costs = np.sum(squares, axis=1) + np.sum(there**2, axis=1)
+        return float(fractions[np.nanargmin(costs)])
 
     def _blocked(self, x: Array, step: Array, j: int) -> bool:
         moved = x.copy()
