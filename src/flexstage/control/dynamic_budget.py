@@ -541,7 +541,7 @@ def required_bandwidth(setup: "_Setup", target: float) -> RequiredBandwidth:
 
 
 def _largest_gain(setup: "_Setup") -> float:
-    """Return the logarithm of the largest factor, up to 100, of a gain that leaves a loop stable."""
+    """Return the logarithm of the largest factor of a gain, to 100, that leaves a loop stable."""
     low, high = 0.0, math.log(100.0)
     while high - low > 1e-5:
         middle = 0.5 * (low + high)
