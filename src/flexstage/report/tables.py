@@ -428,7 +428,7 @@ def tree_table(
     factor, unit = (1e6, "um") if budgets[0].unit == "m" else (math.degrees(3600.0), "arcsec")
     trees = [b.tree for b in budgets if b.tree is not None]
     errors = [{line.name: line for line in tree.lines} for tree in trees]
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name in dict.fromkeys(name for lines in errors for name in lines):
         of_loops = [lines.get(name) for lines in errors]
         origin = [line.source for line in of_loops if line is not None][-1]

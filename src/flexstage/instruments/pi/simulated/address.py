@@ -40,7 +40,7 @@ from flexstage.records.read import read_files
 from flexstage.records.record import SIMULATED
 from flexstage.stage import Stage
 from flexstage.stage.designs import design
-from flexstage.system.environment import read_environment
+from flexstage.system.environment import Environment, read_environment
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.neck_widths import measured_necks
 from flexstage.virtual.stage import VirtualStage
@@ -103,6 +103,10 @@ def _request_options(
     return values
 
 
+def _environment(request: TwinRequest) -> Environment | None:
+    return None if request.environment is None else read_environment(request.environment)
+
+
 def simulated_controller(
     stage: Stage, request: TwinRequest, *, quiet: bool = False, scatter: bool = True
 ) -> Interpreter:
@@ -117,7 +121,7 @@ def simulated_controller(
         quiet=quiet,
         scatter=scatter,
         widths=measured_necks(request.widths, stage),
-        environment=request.environment and read_environment(request.environment),
+        environment=_environment(request),
     )
     if request.table is not None:
         from flexstage.centring.table_file import read_table
@@ -162,7 +166,7 @@ def played(
         sample_rate_hz=rate * max(1, round(request.servo_rate / rate)),
         amplifier=request.amplifier,
         widths=measured_necks(request.widths, stage),
-        environment=request.environment and read_environment(request.environment),
+        environment=_environment(request),
     )
     for file, record in zip(files, records, strict=True):
         if abs(record.sample_rate_hz - rate) > 1e-6 * rate:
