@@ -228,7 +228,7 @@ sources:
 """
 
 
-class Noise:
+class NoisePanel:
     """Rms that an environment leaves, by source and loop.
 
     Parameters
@@ -377,10 +377,10 @@ class AnalyseView:
             self._part = self._build_part(self._state.display.part)
             self._part.show(self._present_results())
 
-    def _build_part(self, part: str) -> Shapes | Bode | Convergence | Noise:
+    def _build_part(self, part: str) -> Shapes | Bode | Convergence | NoisePanel:
         match part:
             case "Noise":
-                return Noise(self._page)
+                return NoisePanel(self._page)
             case "Bode":
                 return Bode(self._page)
             case "Convergence":
