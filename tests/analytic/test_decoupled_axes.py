@@ -60,8 +60,8 @@ def test_axes_that_a_matrix_mixes_are_decoupled_exactly() -> None:
     assert (MIXED @ found.matrix) == pytest.approx(np.diag([0.9, 1.3]), abs=1e-3)
     # loops that do not meet have the sensitivity of the worse of both
     peaks = [axis.worst.sensitivity_peak for axis in made.axes]
-    assert made.whole[0].sensitivity_peak == pytest.approx(max(peaks), rel=1e-3)
-    assert made.whole[0].stable
+    assert made.all_axes[0].sensitivity_peak == pytest.approx(max(peaks), rel=1e-3)
+    assert made.all_axes[0].stable
 
 
 @pytest.mark.parametrize("angle", [20.0, 75.0, 100.0])
@@ -103,7 +103,7 @@ def test_coupled_axes_lose_gain_together_or_are_refused() -> None:
                 tune_axes([measured(LINES, coupled)], words)
             continue
         made = tune_axes([measured(LINES, coupled)], words)
-        assert made.whole[0].sensitivity_peak <= 2.0
+        assert made.all_axes[0].sensitivity_peak <= 2.0
         assert max(axis.worst.sensitivity_peak for axis in made.axes) < 1.95
         assert any("times those of each axis alone" in note for note in made.notes)
 
@@ -131,7 +131,7 @@ def test_the_command_decouples_the_axes_of_a_stage(
     assert end.value.code in (0, None)
     result = json.loads(capsys.readouterr().out)
     assert result["decoupling"]["outputs"] == ["x", "y"]
-    assert result["whole"][0]["stable"]
+    assert result["all_axes"][0]["stable"]
     for axis, made in zip("xy", result["axes"], strict=True):
         loop = read_loop(tmp_path / f"a-{axis}.yaml")
         assert loop.settings.integral == made["settings"]["integral"]
@@ -157,4 +157,4 @@ def test_a_measured_mirror_of_three_drives_is_decoupled() -> None:
     found = made.decoupling
     assert found.before[0].max() == pytest.approx(0.85, abs=0.01)
     assert found.after[0].max() == pytest.approx(0.06, abs=0.01)
-    assert all(one.stable and one.sensitivity_peak <= 2.0 for one in made.whole)
+    assert all(one.stable and one.sensitivity_peak <= 2.0 for one in made.all_axes)

@@ -148,30 +148,33 @@ def _inner_rows(inner: "InnerLoop", gain: str) -> list[tuple[str, str, str]]:
 
 
 def _print_axes(design: "AxesDesign") -> None:
-    found, screen = design.decoupling, console()
+    decoupling, screen = design.decoupling, console()
     print_table(
         screen,
-        f"voltages by the commands of the axes, from the response at {found.frequency_hz:.4g} Hz",
-        ("<voltage", *found.outputs),
+        f"voltages by the commands of the axes, by the response at "
+        f"{decoupling.frequency_hz:.4g} Hz",
+        ("<voltage", *decoupling.outputs),
         [
             (name, *(f"{value:.4g}" for value in row))
-            for name, row in zip(found.inputs, found.matrix.tolist(), strict=True)
+            for name, row in zip(decoupling.inputs, decoupling.matrix.tolist(), strict=True)
         ],
     )
-    ends = ("at the lowest line", 0), ("at its frequency", found.at), ("largest", None)
+    ends = ("at the lowest line", 0), ("at its frequency", decoupling.at), ("largest", None)
     rows = [
         (
             f"{where}, {label}",
             *(f"{v:.3g}" for v in (values.max(axis=0) if line is None else values[line])),
         )
         for where, line in dict(ends).items()
-        for label, values in (("before", found.before), ("after", found.after))
+        for label, values in (("before", decoupling.before), ("after", decoupling.after))
     ]
-    print_table(screen, "cross-talk, over the own motion", ("<cross-talk", *found.outputs), rows)
-    peak = max(one.sensitivity_peak for one in design.whole)
+    print_table(
+        screen, "cross-talk, over the own motion", ("<cross-talk", *decoupling.outputs), rows
+    )
+    peak = max(one.sensitivity_peak for one in design.all_axes)
     print_table(
         screen,
-        f"all axes together, the worst of {len(design.whole)} responses",
+        f"all axes together, the worst of {len(design.all_axes)} responses",
         ("<margin", "worst", "<unit"),
         [("largest singular value of the sensitivity", f"{peak:.4g}", "1")],
     )

@@ -104,8 +104,8 @@ def decoupled(
                 f"'{response.source}' has {shape[0]} outputs and {shape[1]} inputs: --decouple "
                 "needs as many inputs as outputs, two or more"
             )
-    wanted = request.decouple or 0.0
-    near = [int(np.argmin(np.abs(r.frequency_hz - wanted))) for r in responses]
+    target = request.decouple or 0.0
+    near = [int(np.argmin(np.abs(r.frequency_hz - target))) for r in responses]
     mean = np.mean([r.response[k] for r, k in zip(responses, near, strict=True)], axis=0)
     at = float(first.frequency_hz[near[0]])
     least, late = np.linalg.svd(mean.real)[1][-1], np.linalg.norm(mean.imag, 2)
@@ -120,9 +120,9 @@ def decoupled(
     axes: list[list[MeasuredResponse]] = [[] for _ in range(n)]
     for response in responses:
         behind = response.response @ matrix
-        for i, own in enumerate(axes):
+        for i, repeated in enumerate(axes):
             variance = response.variance
-            own.append(replace(
+            repeated.append(replace(
                 response,
                 response=behind[:, i, i, None, None],
                 inputs=(f"command of {response.outputs[i]}",),
@@ -134,7 +134,7 @@ def decoupled(
                 )[:, None, None],
                 coherence=None if response.coherence is None else response.coherence[:, [i]],
             ))  # fmt: skip
-    found = Decoupling(
+    decoupling = Decoupling(
         frequency_hz=at,
         inputs=first.inputs,
         outputs=first.outputs,
@@ -144,16 +144,16 @@ def decoupled(
         before=_cross_talk(first.response, np.abs(mean.real).argmax(axis=1)),
         after=_cross_talk(first.response @ matrix, np.arange(n)),
     )
-    return found, axes
+    return decoupling, axes
 
 
-def _cross_talk(response: Complex, own: Integers) -> Array:
-    """Return the largest reading by another input over that by the own input of each axis."""
+def _cross_talk(response: Complex, paired: Integers) -> Array:
+    """Return the largest reading of each axis by another input over that by its paired input."""
     size = np.abs(response)
-    rows = np.arange(len(own))
-    by_own = size[:, rows, own]
-    size[:, rows, own] = 0.0
-    return size.max(axis=2) / by_own
+    rows = np.arange(len(paired))
+    by_paired = size[:, rows, paired]
+    size[:, rows, paired] = 0.0
+    return size.max(axis=2) / by_paired
 
 
 def whole_margins(
@@ -163,7 +163,7 @@ def whole_margins(
     request: TuneRequest,
 ) -> list[WholeMargins]:
     """Return the margins of all loops together, for each response and shift of its frequencies."""
-    found = []
+    margins = []
     n, gains = len(loops), decoupling.gains
     highest = 0.5 * request.servo_rate
     lag = math.fsum(loop.lag for loop in loops)
@@ -182,7 +182,7 @@ def whole_margins(
             smallest = np.linalg.svd(difference, compute_uv=False)[:, -1]
             curve = np.asarray(np.linalg.det(difference), dtype=np.complex128)
             shifted = f", frequencies {100.0 * s:+.2g} %" if s else ""
-            found.append(
+            margins.append(
                 WholeMargins(
                     name=response.source + shifted,
                     stable=is_stable(curve - 1.0, lag),
@@ -190,20 +190,20 @@ def whole_margins(
                     sensitivity=1.0 / np.maximum(smallest, 1e-300),
                 )
             )
-    return found
+    return margins
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxesDesign(Result):
     """Position controls of several axes behind a matrix that decouples them."""
 
-    table_key: ClassVar[str] = "whole"
+    table_key: ClassVar[str] = "all_axes"
 
     decoupling: Decoupling
     """The matrix, and the cross-talk."""
     axes: Sequence[ResponseDesign]
     """Control of each axis."""
-    whole: Sequence[WholeMargins]
+    all_axes: Sequence[WholeMargins]
     """Margins of all loops together, of each response."""
     notes: tuple[str, ...]
     """Limits."""
@@ -218,7 +218,9 @@ class AxesDesign(Result):
             "kind": "tuning of axes",
             "decoupling": self.decoupling.data(),
             "axes": [axis.data() for axis in self.axes],
-            "whole": [picked(one, "name", "stable", "sensitivity_peak") for one in self.whole],
+            "all_axes": [
+                picked(one, "name", "stable", "sensitivity_peak") for one in self.all_axes
+            ],
             "notes": list(self.notes),
         }
 
@@ -258,13 +260,13 @@ def tune_axes(responses: Sequence[MeasuredResponse], request: TuneRequest) -> Ax
     """
     if request.control == "iff":
         raise ModelError("iff damps one axis: omit --decouple, or choose ppf")
-    found, each = decoupled(responses, request)
+    decoupling, each = decoupled(responses, request)
     designs = [tune_response(one, request) for one in each]
     factor = 1.0
     while True:
         axes = [design.with_gain(factor) for design in designs]
-        whole = whole_margins(responses, found, [axis.loop for axis in axes], request)
-        if all(w.stable and w.sensitivity_peak <= request.modulus for w in whole):
+        together = whole_margins(responses, decoupling, [axis.loop for axis in axes], request)
+        if all(w.stable and w.sensitivity_peak <= request.modulus for w in together):
             break
         factor *= _STEP
         if factor < _STEP**40:
@@ -273,10 +275,10 @@ def tune_axes(responses: Sequence[MeasuredResponse], request: TuneRequest) -> Ax
                 f"sensitivity below {request.modulus:g}; decouple at another frequency, or reduce "
                 "the requirement (--modulus)"
             )
-    peak = max(w.sensitivity_peak for w in whole)
+    peak = max(w.sensitivity_peak for w in together)
     notes = [
         f"all loops together: Nyquist count of det(I + L) and largest singular value of the "
-        f"sensitivity for {len(whole)} responses; any gains of the axes may rise or fall by "
+        f"sensitivity for {len(together)} responses; any gains of the axes may rise or fall by "
         f"{peak / (peak - 1.0):.3g} and {peak / (peak + 1.0):.3g}, or phases change by "
         f"{math.degrees(2.0 * math.asin(0.5 / peak)):.3g} deg, at once",
         "the matrix is constant: cross-talk returns where a mode moves several axes",
@@ -285,9 +287,9 @@ def tune_axes(responses: Sequence[MeasuredResponse], request: TuneRequest) -> Ax
         notes.append(f"all gains are {factor:.3g} times those of each axis alone")
     return AxesDesign(
         request=request,
-        decoupling=found,
+        decoupling=decoupling,
         axes=axes,
-        whole=whole,
+        all_axes=together,
         notes=tuple(notes),
     )
 

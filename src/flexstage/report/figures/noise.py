@@ -154,14 +154,14 @@ def draw_loops(design: ResponseDesign) -> "Figure":
 def draw_axes(design: AxesDesign) -> "Figure":
     """Draw cross-talk before (dashed) and after decoupling, and the sensitivity of all axes."""
     figure, (talk, sensitivity) = panels(10.2, 3.9, 2, 2)
-    found = design.decoupling
-    for k, name in enumerate(found.outputs):
+    decoupling = design.decoupling
+    for k, name in enumerate(decoupling.outputs):
         look = {"color": CYCLE[k % len(CYCLE)], "linewidth": 1.0}
-        talk.loglog(found.lines_hz, found.before[:, k], linestyle=DASHED, **look)
-        talk.loglog(found.lines_hz, found.after[:, k], label=name, **look)
-    for one in design.whole:
+        talk.loglog(decoupling.lines_hz, decoupling.before[:, k], linestyle=DASHED, **look)
+        talk.loglog(decoupling.lines_hz, decoupling.after[:, k], label=name, **look)
+    for one in design.all_axes:
         sensitivity.semilogx(one.frequency_hz, one.sensitivity, color=CYCLE[0], linewidth=0.8)
-    highest = max(one.sensitivity_peak for one in design.whole)
+    highest = max(one.sensitivity_peak for one in design.all_axes)
     sensitivity.axhline(highest, color=INK, linewidth=0.9, linestyle=DASHED)
     label_axes(talk, "frequency [Hz]", "motion by others over own motion")
     label_axes(sensitivity, "frequency [Hz]", "largest singular value of the sensitivity")
