@@ -185,6 +185,17 @@ def test_leaves_that_become_thinner() -> None:
     assert near["natural_frequency_hz"] == pytest.approx(anew["natural_frequency_hz"], rel=1e-3)
 
 
+def test_leaves_with_modes_of_their_own_are_condensed_anew() -> None:
+    """Thicker leaves of a light body: the first-order change of its modes is no stiffness."""
+    stage = design("scott-russell")
+    guides = [h.name for h in stage.hinges if isinstance(h.profile, CornerFilleted)]
+    made = with_necks(stage, *(1.04 if h.name in guides else 1.0 for h in stage.hinges))
+    near = superelement_model(stage, cache=False)
+    followed, anew = (superelement_model(made, cache=False, near=n) for n in (near, None))
+    first = [float(modes(m.system).frequency_hz[0]) for m in (followed, anew)]
+    assert first[0] == pytest.approx(first[1], rel=5e-4)
+
+
 def test_what_does_not_change_is_taken(parallelogram: SuperelementModel, tmp_path: Path) -> None:
     same = superelement_model(parallelogram.stage, cache=tmp_path, near=parallelogram)
     assert same.newly_condensed == ()

@@ -302,13 +302,15 @@ def condense_all(
     for part, (before, _) in zip(parts, near, strict=False):
         if part not in ready and (necks := changed_necks(before, part)):
             changes[part] = before, necks
-    with progress.subtask(0.0, 0.5 if changes else 1.0):
-        others = [part for part in parts if part not in changes]
+    like = {part: old for part, (old, _) in zip(parts, near, strict=False)}
+
+    def condensed_anew(others: Sequence[Substructure]) -> list[Substructure]:
         if moved and near:
-            like = {part: old for part, (old, _) in zip(parts, near, strict=True)}
-            new = _condense_moved([part for part in others if part not in ready], like, ready)
-        else:
-            new = _condense_missing(others, ready, cache)
+            return _condense_moved([part for part in others if part not in ready], like, ready)
+        return _condense_missing(others, ready, cache)
+
+    with progress.subtask(0.0, 0.5 if changes else 1.0):
+        new = condensed_anew([part for part in parts if part not in changes])
     halves = dict.fromkeys(n.halves for _, necks in changes.values() for n in necks)
     families = {}
     with (
@@ -322,9 +324,25 @@ def condense_all(
             families[family_halves] = family
     for part, (before, necks) in changes.items():
         with_families = [(neck, families[neck.halves]) for neck in necks]
-        ready[part] = with_other_necks(ready[before], before, with_families)
+        other = with_other_necks(ready[before], before, with_families)
+        if _keeps_modes(ready[before], other):
+            ready[part] = other
+    condensed_anew(list(changes))
     new = [*new, *changes]
     return [ready[part] for part in parts], [parts.index(part) for part in new]
+
+
+def _keeps_modes(before: Condensed, after: Condensed) -> bool:
+    """Return whether a change of necks left the modes of a body about as stiff as they were.
+
+    Modes of leaves themselves between light bodies do not: no thickness of a family halves a
+    square of a frequency, but the series of `with_other_necks` may even turn it negative.
+    """
+    lowest = [
+        np.linalg.eigvalsh(body.stiffness[body.modes, body.modes]).min(initial=math.inf)
+        for body in (before, after)
+    ]
+    return bool(lowest[1] >= 0.5 * lowest[0])
 
 
 _family = lru_cache(maxsize=512)(neck_family)
