@@ -66,22 +66,23 @@ def test_axes_that_a_matrix_mixes_are_decoupled_exactly() -> None:
 
 @pytest.mark.parametrize("angle", [20.0, 75.0, 100.0])
 def test_all_loops_together_by_the_poles_of_the_exact_loop(angle: float) -> None:
-    # integral control with a delay of two samples, through a matrix that turns the axes: with the
-    # eigenvalues e^(+-ja) of a rotation the poles are those of z^2 (z - 1) + k e^(+-ja) z
+    # integral control with a delay of two samples, through a matrix that turns two of three axes:
+    # with its eigenvalues e = 1, e^(+-ja) the poles are those of z^2 (z - 1) + k e z
     turned = math.radians(angle)
-    rotation = np.array([[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]])
+    rotation = np.eye(3)
+    rotation[:2, :2] = [[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]]
     f = np.geomspace(0.1, 0.5 * RATE, 3000)
     late = np.exp(-2j * np.pi * f / RATE * 2.0)
     response = measured(f, GAIN * late[:, None, None] * rotation)
     identity = Decoupling(
-        frequency_hz=f[0], inputs=("a", "b"), outputs=("a", "b"), matrix=np.eye(2),
-        gains=np.full(2, GAIN), lines_hz=f, before=np.zeros((1, 2)), after=np.zeros((1, 2)),
+        frequency_hz=f[0], inputs=("a", "b", "c"), outputs=("a", "b", "c"), matrix=np.eye(3),
+        gains=np.full(3, GAIN), lines_hz=f, before=np.zeros((1, 3)), after=np.zeros((1, 3)),
     )  # fmt: skip
     for k in (0.05, 0.2, 0.4, 0.7):
         settings = ServoSettings(integral=k * RATE / GAIN)
         loop = PositionLoop(name="i", settings=settings, sample_rate=RATE, delay=0.0)
-        (whole,) = whole_margins([response], identity, [loop, loop], request())
-        eigenvalues = k * np.exp(1j * turned * np.array([1.0, -1.0]))
+        (whole,) = whole_margins([response], identity, [loop] * 3, request())
+        eigenvalues = k * np.exp(1j * turned * np.array([0.0, 1.0, -1.0]))
         poles = [np.roots([1.0, -1.0, e]) for e in eigenvalues]
         assert whole.stable == (np.abs(poles).max() < 1.0)
         # a rotation is normal: singular values are those of its eigenvalues
