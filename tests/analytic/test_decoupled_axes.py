@@ -17,10 +17,19 @@ from flexstage.base.errors import ModelError
 from flexstage.cli import main
 from flexstage.control.environment import PositionLoop, read_loop
 from flexstage.control.loop_plant import LoopPlant
-from flexstage.control.tuning import Decoupling, decoupled, tune_axes, whole_margins
+from flexstage.control.tuning import (
+    Decoupling,
+    decoupled,
+    tune_axes,
+    tune_files,
+    tune_stage,
+    whole_margins,
+)
 from flexstage.hysteresis import StageModes
+from flexstage.lumped import lumped_system
 from flexstage.measure.requests import TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
+from flexstage.stage.designs import design
 from flexstage.system.servo import ServoSettings
 from tests.shared_data import DATA, needs
 
@@ -118,6 +127,10 @@ def test_responses_that_cannot_be_decoupled_are_refused() -> None:
     prompt = plant(910.0, 0.0).response(LINES)[:, None, None]
     with pytest.raises(ModelError, match="dependent or late"):
         decoupled([measured(LINES, prompt * MIXED)], request(decouple=910.0))
+    with pytest.raises(ModelError, match="--axis is that of a STAGE, got 'x'"):
+        tune_files(request(frf=("x.csv",), axis="x"))
+    with pytest.raises(ModelError, match="--decouple is of all axes"):
+        tune_stage(design("vgtu-piezo"), lumped_system(design("vgtu-piezo")), request(axis="x"))
     with pytest.raises(ModelError, match="iff damps one axis"):
         tune_axes([measured(LINES, own * MIXED)], request(control="iff"))
 
