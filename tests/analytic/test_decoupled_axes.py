@@ -16,10 +16,19 @@ import pytest
 from flexstage.base.errors import ModelError
 from flexstage.cli import main
 from flexstage.control.loop_plant import LoopPlant
-from flexstage.control.tuning import Decoupling, decoupled, tune_axes, whole_margins
+from flexstage.control.tuning import (
+    Decoupling,
+    decoupled,
+    tune_axes,
+    tune_files,
+    tune_stage,
+    whole_margins,
+)
 from flexstage.hysteresis import StageModes
+from flexstage.lumped import lumped_system
 from flexstage.measure.requests import TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
+from flexstage.stage.designs import design
 from flexstage.system.environment import PositionLoop, read_loop
 from flexstage.system.servo import ServoSettings
 from tests.shared_data import DATA, needs
@@ -66,22 +75,23 @@ def test_axes_that_a_matrix_mixes_are_decoupled_exactly() -> None:
 
 @pytest.mark.parametrize("angle", [20.0, 75.0, 100.0])
 def test_all_loops_together_by_the_poles_of_the_exact_loop(angle: float) -> None:
-    # integral control with a delay of two samples, through a matrix that turns the axes: with the
-    # eigenvalues e^(+-ja) of a rotation the poles are those of z^2 (z - 1) + k e^(+-ja) z
+    # integral control with a delay of two samples, through a matrix that turns two of three axes:
+    # with its eigenvalues e = 1, e^(+-ja) the poles are those of z^2 (z - 1) + k e z
     turned = math.radians(angle)
-    rotation = np.array([[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]])
+    rotation = np.eye(3)
+    rotation[:2, :2] = [[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]]
     f = np.geomspace(0.1, 0.5 * RATE, 3000)
     late = np.exp(-2j * np.pi * f / RATE * 2.0)
     response = measured(f, GAIN * late[:, None, None] * rotation)
     identity = Decoupling(
-        frequency_hz=f[0], inputs=("a", "b"), outputs=("a", "b"), matrix=np.eye(2),
-        gains=np.full(2, GAIN), lines_hz=f, before=np.zeros((1, 2)), after=np.zeros((1, 2)),
+        frequency_hz=f[0], inputs=("a", "b", "c"), outputs=("a", "b", "c"), matrix=np.eye(3),
+        gains=np.full(3, GAIN), lines_hz=f, before=np.zeros((1, 3)), after=np.zeros((1, 3)),
     )  # fmt: skip
     for k in (0.05, 0.2, 0.4, 0.7):
         settings = ServoSettings(integral=k * RATE / GAIN)
         loop = PositionLoop(name="i", settings=settings, sample_rate=RATE, delay=0.0)
-        (whole,) = whole_margins([response], identity, [loop, loop], request())
-        eigenvalues = k * np.exp(1j * turned * np.array([1.0, -1.0]))
+        (whole,) = whole_margins([response], identity, [loop] * 3, request())
+        eigenvalues = k * np.exp(1j * turned * np.array([0.0, 1.0, -1.0]))
         poles = [np.roots([1.0, -1.0, e]) for e in eigenvalues]
         assert whole.stable == (np.abs(poles).max() < 1.0)
         # a rotation is normal: singular values are those of its eigenvalues
@@ -117,6 +127,10 @@ def test_responses_that_cannot_be_decoupled_are_refused() -> None:
     prompt = plant(910.0, 0.0).response(LINES)[:, None, None]
     with pytest.raises(ModelError, match="dependent or late"):
         decoupled([measured(LINES, prompt * MIXED)], request(decouple=910.0))
+    with pytest.raises(ModelError, match="--axis is that of a STAGE, got 'x'"):
+        tune_files(request(frf=("x.csv",), axis="x"))
+    with pytest.raises(ModelError, match="--decouple is of all axes"):
+        tune_stage(design("vgtu-piezo"), lumped_system(design("vgtu-piezo")), request(axis="x"))
     with pytest.raises(ModelError, match="iff damps one axis"):
         tune_axes([measured(LINES, own * MIXED)], request(control="iff"))
 

@@ -240,9 +240,12 @@ def dense_response(
 ) -> tuple[Array, Complex]:
     """Return responses, shape (k, m), at lines close enough for straight lines.
 
-    A larger fall of the phase than the steepest [rad] is noise, and not the circle of a mode.
+    A larger fall of the phase than the steepest [rad] is noise, and not the circle of a mode. Axes
+    without coupling have responses of zero, which have no phase.
     """
-    turn = np.angle(responses[1:] / responses[:-1])
+    some = (responses[1:] != 0.0) & (responses[:-1] != 0.0)
+    ratio = np.divide(responses[1:], responses[:-1], out=np.ones_like(responses[1:]), where=some)
+    turn = np.angle(ratio)
     widest = np.abs(turn).max(axis=1)
     parts = np.maximum(widest / _GRID.turn, np.log(f[1:] / f[:-1]) / _GRID.ratio)
     count = np.ceil(parts).astype(int).clip(1)
@@ -251,7 +254,8 @@ def dense_response(
     dense = np.append(f[at] + share * (f[at + 1] - f[at]), f[-1])
     here, there, along = responses[at], responses[at + 1], share[:, None]
     straight = here + along * (there - here)
-    inverse = 1.0 / (1.0 / here + along * (1.0 / there - 1.0 / here))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / (1.0 / here + along * (1.0 / there - 1.0 / here))
     falls = (turn < 0.0) & (turn >= -steepest)
     values = np.where(falls[at], inverse, straight)
     return dense, np.append(values, responses[-1:], axis=0)

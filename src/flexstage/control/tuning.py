@@ -307,6 +307,8 @@ def tune_files(
     )
     if not request.frf:
         raise ModelError("nothing to tune on: give a STAGE, or measured responses by --frf")
+    if request.axis is not None:
+        raise ModelError(f"--axis is that of a STAGE, got '{request.axis}' with --frf: omit it")
     responses = []
     for path, one in zip(request.frf, how.of_each(len(request.frf)), strict=True):
         result = frf_of_files([Path(path)], reading, one)
@@ -329,6 +331,8 @@ def tune_stage(
     delay = 1.0 / request.servo_rate if request.delay is None else request.delay
     request = replace(request, delay=delay)
     if request.decouple is not None:
+        if request.axis is not None:
+            raise ModelError(f"--decouple is of all axes, got --axis '{request.axis}': omit one")
         axes = [one.name for one in stage.axes]
         return tune_axes([stage_response(stage, system, axes, request.servo_rate)], request)
     axis = controlled_axis(stage, request.axis).name
