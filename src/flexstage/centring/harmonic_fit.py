@@ -572,8 +572,10 @@ def _notes(
     variances = np.diag(white)[problem.first :]
     worst = math.sqrt(float(variances.max()) * samples / (2.0 * square)) if square > 0.0 else 1.0
     if worst > 1.5:
+        few_again = problem.drift and turns.full == 1
         notes.append(
-            f"non-uniform sampling increases the uncertainty of harmonics up to {worst:.1f} times; "
-            f"the samples cover {turns.coverage:.2f} of a turn"
+            f"{'a drift' if few_again else 'non-uniform sampling'} increases the uncertainty of "
+            f"harmonics up to {worst:.1f} times; the samples cover "
+            f"{turns.count if few_again else turns.coverage:.2f} of a turn"
         )
     return tuple(notes)

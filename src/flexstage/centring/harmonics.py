@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
 from flexstage.centring.harmonic_fit import MANY_TURNS, HarmonicFit, covering_both, fit_result
-from flexstage.centring.least_squares import HarmonicProblem, NormalEquations, of_column, solved
+from flexstage.centring.least_squares import HarmonicProblem, NormalEquations, solved
 from flexstage.centring.turns import Turns, find_turns, places, whole_orders
 from flexstage.records.quality import RMS_OVER_MEDIAN
 
@@ -193,7 +194,7 @@ def fit_many(
         ):
             fits.append(_robust_fit(problem.column(j), residual, turns, unit, least_outlier))
             continue
-        single = of_column(equations, j)
+        single = replace(equations, right=equations.right[:, :, j : j + 1])
         fits.append(
             fit_result(problem.column(j), single, coefficients[:, j], residual, None, turns, unit)
         )

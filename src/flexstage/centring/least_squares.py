@@ -226,11 +226,6 @@ def solved(equations: NormalEquations, orders: tuple[int, ...]) -> Array:
     return np.linalg.solve(gram, equations.right.sum(axis=0))
 
 
-def of_column(equations: NormalEquations, j: int) -> NormalEquations:
-    """Return the normal equations of one column."""
-    return replace(equations, right=equations.right[:, :, j : j + 1])
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Noise:
     """Spectrum of the residuals of a record, and the spectra that were tried for its noise."""
