@@ -427,6 +427,8 @@ def test_hidden_stages_of_every_design_are_near_what_is_found(count, model):
     assert np.mean(dimensions) > 0.8
     assert np.mean([case.inside for case in found_again]) > 0.75
     assert sum(case.inside for case in found_again) >= binom.ppf(0.00135, count, 0.95)
+    # no stage is more probable than the most probable one, but for what is settled of it
+    assert min(case.distance for case in found_again) > -2.0
     # the most probable stage explains what is given, so that distances are those of five dimensions
     low, high = chi2.ppf([0.00135, 0.99865], 5 * count)
     assert low < sum(case.distance for case in found_again) < high
