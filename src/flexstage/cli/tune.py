@@ -102,6 +102,8 @@ def _print(design: "ResponseDesign", of: str) -> None:
     for lead in settings.leads:
         rows.append(("zero of the lead", f"{lead.zero_hz:.5g}", "Hz"))
         rows.append(("pole of the lead", f"{lead.pole_hz:.5g}", "Hz"))
+    if settings.filters:
+        rows.append(("filters of second order", f"{len(settings.filters)}", "--json"))
     corners = (
         ("low-pass", settings.lowpass_hz),
         ("second integral below", settings.second_integral_hz),

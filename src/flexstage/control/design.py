@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.control.loop_plant import (
     LoopPlant,
@@ -15,9 +16,10 @@ from flexstage.control.loop_plant import (
     loop_frequencies,
     loop_margins,
     loop_plant,
+    step_response,
 )
 from flexstage.hysteresis import DriveModel, StageModes
-from flexstage.system.servo import ForceFeedback, Notch, PositionFeedback, ServoSettings
+from flexstage.system.servo import Filter, ForceFeedback, Notch, PositionFeedback, ServoSettings
 
 #: Candidate damping ratios of the poles of a notch.
 WIDTHS = (0.3, 0.5, 0.7, 1.0)
@@ -255,6 +257,113 @@ def peak_notches(plant: LoopPlant, width: float) -> tuple[Notch, ...]:
         for f, zeta, share in rows
         if f < highest and abs(share) > _WORTH * zeta and zeta < 0.5
     )
+
+
+def robust_filters(
+    plant: LoopPlant, settings: ServoSettings, excess: float = 0.1
+) -> tuple[Filter, ...]:
+    r"""Return filters in series with a control that let its loop err most, or none.
+
+    Loop shaping by H-infinity (D. McFarlane, K. Glover, IEEE Trans. Autom. Control 37 (1992) 759):
+    with plant and control as G, from the stabilising solutions of two Riccati equations,
+
+    .. math:: A_0^T X + X A_0 - X B S^{-1} B^T X + C^T R^{-1} C = 0, \qquad
+              A_0 Z + Z A_0^T - Z C^T R^{-1} C Z + B S^{-1} B^T = 0
+
+    with :math:`A_0 = A - B S^{-1} D C` and :math:`R = S = 1 + D^2`. Every G whose normalised
+    coprime factors err by less than :math:`1/\gamma` is stable with the filters, where
+    :math:`\gamma` exceeds the least one, :math:`\sqrt{1 + \rho(X Z)}`. The bilinear transform
+    between the sampled loop and these equations keeps both.
+
+    Parameters
+    ----------
+    plant : LoopPlant
+        Gain, modes and delay.
+    settings : ServoSettings
+        The control [V/m] that shapes the loop.
+    excess : float
+        Excess of :math:`\gamma` over the least one [1], positive.
+
+    Returns
+    -------
+    tuple of Filter
+        The filters, at the rate of the plant; none where they would not be stable themselves.
+
+    Notes
+    -----
+    Validity: of this gain of the loop and these modes. Another gain has other margins.
+    """
+    from scipy.linalg import LinAlgError, solve_continuous_are
+    from scipy.signal import ss2zpk, zpk2sos
+
+    a, b, c, d = _shaped_loop(plant, settings)
+    unit = np.eye(len(a))
+    inverse = np.linalg.inv(a + unit)
+    d -= float((c @ inverse @ b)[0, 0])
+    a, b, c = (a - unit) @ inverse, inverse @ b, c @ inverse
+    b, c = math.sqrt(2.0) * b, math.sqrt(2.0) * c
+    size = 1.0 + d * d
+    inner = a - b @ c * (d / size)
+    try:
+        by_rows = solve_continuous_are(inner, b, c.T @ c / size, [[size]])
+        by_columns = solve_continuous_are(inner.T, c.T, b @ b.T / size, [[size]])
+    except LinAlgError:
+        return ()  # a loop of zero at a pole on the axis, say
+    radius = float(np.abs(np.linalg.eigvals(by_rows @ by_columns)).max())
+    square = (1.0 + excess) ** 2 * (1.0 + radius)
+    feedback = -(d * c + b.T @ by_rows) / size
+    pull = (1.0 - square) * unit + by_rows @ by_columns
+    column = square * np.linalg.solve(pull.T, by_columns @ c.T)
+    states = a + b @ feedback + column @ (c + d * feedback)
+    # the solution is for positive feedback
+    row = -b.T @ by_rows
+    inverse = np.linalg.inv(unit - states)
+    sampled = (inverse @ (unit + states), math.sqrt(2.0) * inverse @ column)
+    direct = d + row @ inverse @ column
+    row = math.sqrt(2.0) * row @ inverse
+    zeros, poles, gain = ss2zpk(*sampled, row, np.atleast_2d(direct))
+    if np.abs(poles).max() >= 1.0:
+        return ()
+    sections = zpk2sos(zeros, poles, gain)
+    return tuple(Filter(**dict(zip(("b0", "b1", "b2", "a1", "a2"), row, strict=True)))
+                 for row in np.delete(sections, 3, axis=1).tolist())  # fmt: skip
+
+
+def _shaped_loop(plant: LoopPlant, settings: ServoSettings) -> tuple[Array, Array, Array, float]:
+    """Return A, B, C and D of a sampled plant behind its control."""
+    from scipy.linalg import block_diag
+
+    step = 1.0 / plant.sample_rate_hz
+    late = math.ceil(plant.delay / step - 1e-9)
+    within = max(late * step - plant.delay, 0.0)
+    blocks, rows, columns = [], [], []
+    direct = 1.0
+    for pole, residue in zip(*step_response(plant.modes, plant.time_constant), strict=True):
+        turn, amplitude = np.exp(pole * step), residue * np.exp(pole * within)
+        direct += float(amplitude.real)
+        row = amplitude * (turn - 1.0)
+        if pole.imag > 0.0:
+            blocks.append([[turn.real, -turn.imag], [turn.imag, turn.real]])
+            rows += [2.0 * row.real, -2.0 * row.imag]
+            columns += [1.0, 0.0]
+        elif pole.imag == 0.0:
+            blocks.append([[turn.real]])
+            rows.append(row.real)
+            columns.append(1.0)
+    proportional, integral = plant.gain * settings.proportional, plant.gain * settings.integral
+    parts = [(block_diag(*blocks) if blocks else np.zeros((0, 0)), columns, rows, direct)]
+    parts.append((np.eye(late, k=-1), [1.0, *[0.0] * (late - 1)], [*[0.0] * (late - 1), 1.0], 0.0)
+                 if late else (np.zeros((0, 0)), [], [], 1.0))  # fmt: skip
+    parts.append((np.eye(1), [1.0], [integral * step], proportional + integral * step))
+    for b0, b1, b2, a1, a2 in settings.sections(plant.sample_rate_hz).tolist():
+        states = np.array([[-a1, -a2], [1.0, 0.0]])
+        parts.append((states, [1.0, 0.0], [b1 - a1 * b0, b2 - a2 * b0], b0))
+    a, b, c, d = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 1.0
+    for own, column, row, through in parts:
+        into, out = np.reshape(column, (-1, 1)), np.reshape(row, (1, -1))
+        a = np.block([[a, np.zeros((len(a), len(own)))], [into @ c, own]])
+        b, c, d = np.vstack((b, into * d)), np.hstack((through * c, out)), through * d
+    return a, b, c, d
 
 
 def position_filter(

@@ -20,6 +20,7 @@ from flexstage.control.design import (
     force_feedback,
     peak_notches,
     position_filter,
+    robust_filters,
     structures,
 )
 from flexstage.control.loop_plant import (
@@ -468,6 +469,10 @@ def _candidates(
     if request.control in ("ppf", "iff"):
         yield from _damped(plant, request, nominal)
         return
+    if request.control == "h-infinity":
+        for unit in _robust(plant, request, nominal):
+            yield request.control, unit, None
+        return
     for name, unit in _undamped(plant, request, nominal):
         yield name, unit, None
 
@@ -491,6 +496,22 @@ def _damped(
     outer = [*structures(bare, "integral", None), *structures(bare, "pi", None)]
     for one, unit in itertools.product(inner, list(dict.fromkeys(outer))[::2]):
         yield request.control, unit, one
+
+
+def _robust(plant: LoopPlant, request: TuneRequest, nominal: Member) -> Iterator[ServoSettings]:
+    """Yield integral and pi of rising crossover, with the filters that make them robust."""
+    bare = replace(plant, modes=None)
+    weights = [*structures(bare, "integral", None), *structures(bare, "pi", None)]
+    crossovers = np.geomspace(
+        nominal.frequency_hz[0], _GRID.highest * request.servo_rate, _GRID.corners
+    )
+    for crossover, unit in itertools.product(
+        crossovers.tolist(), list(dict.fromkeys(weights))[::2]
+    ):
+        gain = 2.0 * math.pi * crossover / plant.gain
+        weight = replace(unit, integral=gain, proportional=gain * unit.proportional)
+        if filters := robust_filters(plant, weight):
+            yield replace(unit, filters=filters)
 
 
 def _undamped(
@@ -533,6 +554,21 @@ def _undamped(
             return
 
 
+def coprime_margin(loop: PositionLoop, member: Member) -> float:
+    r"""Return the largest error of normalised coprime factors that a loop with filters allows.
+
+    .. math:: \epsilon = \min_f \frac{|1 + G K|}{\sqrt{(1 + |G|^2)(1 + |K|^2)}}
+
+    of stage and weight, G, and the filters K.
+    """
+    weight = replace(loop, settings=replace(loop.settings, filters=()))
+    f = member.frequency_hz
+    shaped = _controller(weight, f) * member.response
+    opened = _controller(loop, f) * member.response
+    sizes = np.abs(shaped) ** 2, np.abs(opened / shaped) ** 2
+    return float((np.abs(1.0 + opened) / np.sqrt((1.0 + sizes[0]) * (1.0 + sizes[1]))).min())
+
+
 def _notes(loop: PositionLoop, members: Sequence[Member], request: TuneRequest) -> tuple[str, ...]:
     low = max(m.frequency_hz[0] for m in members)
     high = min(m.frequency_hz[-1] for m in members)
@@ -557,6 +593,12 @@ def _notes(loop: PositionLoop, members: Sequence[Member], request: TuneRequest) 
         notes.append(
             f"ppf: {peaks}; static gain {static:.2g} of the limit 1, where the stage would become "
             "unstable; modes above the last line may be excited (spillover)"
+        )
+    elif loop.settings.filters:
+        notes.append(
+            f"h-infinity: {peaks}; largest error of the normalised coprime factors "
+            f"{coprime_margin(loop, first):.2g}, filters for a model of its {request.notches} "
+            "highest peaks at most"
         )
     elif isinstance(loop.damping, ForceFeedback):
         mode = float(first.frequency_hz[int(np.argmax(size))])

@@ -212,12 +212,14 @@ class TuneRequest(Request):
     from a model assumes for its modes; 0 for several).
     """
     control: Literal[
-        "auto", "integral", "pi", "damping", "pid", "lead", "double-integral", "ppf", "iff"
-    ] = "auto"
+        "auto", "integral", "pi", "damping", "pid", "lead", "double-integral", "ppf", "iff",
+        "h-infinity",
+    ] = "auto"  # fmt: skip
     """Structure, with notches at resonances: integral, pi, damping (pi with a low-pass), pid (with
     filtered derivative), lead (no integral), double-integral (pi with a second one); auto chooses.
     ppf and iff damp the resonance by an inner loop: positive position feedback, integral force
-    feedback (with the force in the stack as the second output).
+    feedback (with the force in the stack as the second output). h-infinity adds filters to integral
+    and pi that let the stage err most.
     """
     decouple: Annotated[
         float, DIMENSIONS["frequency"], NOT_NEGATIVE, Written(bare="Hz")

@@ -86,6 +86,36 @@ class Lead:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Filter:
+    r"""A filter by the coefficients of its difference equation, at the rate of its loop alone.
+
+    .. math:: y_k = b_0 x_k + b_1 x_{k-1} + b_2 x_{k-2} - a_1 y_{k-1} - a_2 y_{k-2}
+    """
+
+    b0: float
+    """Coefficient of the input."""
+    b1: float
+    """Coefficient of the input one sample before."""
+    b2: float
+    """Coefficient of the input two samples before."""
+    a1: float
+    """Coefficient of the output one sample before."""
+    a2: float
+    """Coefficient of the output two samples before."""
+
+    def __post_init__(self) -> None:
+        # both poles within the unit circle
+        if not abs(self.a1) - 1.0 < self.a2 < 1.0:
+            raise ModelError(
+                f"a filter must be stable, |a1| - 1 < a2 < 1, got a1 {self.a1!r} and a2 {self.a2!r}"
+            )
+
+    def section(self, _sample_rate_hz: float) -> NDArray[np.float64]:
+        """Return b0, b1, b2, a1, a2 of its difference equation (a0 = 1)."""
+        return np.array([self.b0, self.b1, self.b2, self.a1, self.a2])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ServoSettings:
     """Settings of the position control of one axis.
 
@@ -108,6 +138,8 @@ class ServoSettings:
     """
     leads: tuple[Lead, ...] = field(default=())
     """Leads in the same path."""
+    filters: tuple[Filter, ...] = field(default=())
+    """Further filters in the same path."""
     second_integral_hz: float | None = None
     r"""Frequency below which a second integral acts, :math:`1 + \omega/s` in the same path [Hz];
     none where not given.
@@ -125,7 +157,9 @@ class ServoSettings:
 
     def sections(self, sample_rate_hz: float) -> NDArray[np.float64]:
         """Return the filters of the error, one row of b0, b1, b2, a1, a2 (a0 = 1) each."""
-        rows = [part.section(sample_rate_hz) for part in (*self.notches, *self.leads)]
+        rows = [
+            part.section(sample_rate_hz) for part in (*self.notches, *self.leads, *self.filters)
+        ]
         if self.lowpass_hz is not None:
             rows.append(_lowpass(self.lowpass_hz, math.sqrt(0.5), sample_rate_hz))
         if self.second_integral_hz is not None:
@@ -258,7 +292,7 @@ def _below_nyquist(frequency_hz: float, sample_rate_hz: float) -> float:
 
 def parallel_gains(settings: ServoSettings) -> dict[str, float] | None:
     """Return the parallel gains of a PID without notches and low-pass, or None."""
-    if settings.second_integral_hz is not None or len(settings.leads) > 1:
+    if settings.second_integral_hz is not None or len(settings.leads) > 1 or settings.filters:
         return None
     p, i = settings.proportional, settings.integral
     zero, pole = 0.0, 0.0
@@ -278,7 +312,7 @@ def pi_parameters(settings: ServoSettings) -> dict[str, float] | None:
 
     None for a control with a filter that its parameters do not have.
     """
-    if settings.leads or settings.lowpass_hz or settings.second_integral_hz:
+    if settings.leads or settings.filters or settings.lowpass_hz or settings.second_integral_hz:
         return None
     numbers = {
         "0x07000300": 1e-6 * settings.proportional,

@@ -67,9 +67,10 @@ class ServoTuning:
 
     def write(self, settings: ServoSettings) -> None:
         """Write settings in one line, or if it is too long, with the gains at 0 in between."""
-        if settings.leads or settings.second_integral_hz is not None:
+        if settings.leads or settings.filters or settings.second_integral_hz is not None:
             raise ModelError(
-                "the control of this controller has no lead and no second integral: omit them"
+                "the control of this controller has notches, a low-pass, and no other filter: "
+                "omit leads, filters and a second integral"
             )
         gains = [
             (self._known(_PROPORTIONAL), settings.proportional * _MICRO),
