@@ -359,9 +359,9 @@ def _shaped_loop(plant: LoopPlant, settings: ServoSettings) -> tuple[Array, Arra
         states = np.array([[-a1, -a2], [1.0, 0.0]])
         parts.append((states, [1.0, 0.0], [b1 - a1 * b0, b2 - a2 * b0], b0))
     a, b, c, d = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), 1.0
-    for own, column, row, through in parts:
+    for states, column, row, through in parts:
         into, out = np.reshape(column, (-1, 1)), np.reshape(row, (1, -1))
-        a = np.block([[a, np.zeros((len(a), len(own)))], [into @ c, own]])
+        a = np.block([[a, np.zeros((len(a), len(states)))], [into @ c, states]])
         b, c, d = np.vstack((b, into * d)), np.hstack((through * c, out)), through * d
     return a, b, c, d
 
