@@ -2,9 +2,10 @@
 
 Evidence (Instruments, twin, control): stage tuned from its model and from its response: gain within
 0.1 %; margins for each of six responses of a measured mirror against the package `control`: Ms
-$10^{-9}$, gain margin 1 %, phase margin 1°
+$10^{-9}$, gain margin 1 %, phase margin 1°; control in C and as a transfer function, $10^{-9}$
 """
 
+import ctypes
 import json
 import math
 from dataclasses import replace
@@ -24,7 +25,8 @@ from flexstage.hysteresis import StageModes
 from flexstage.measure.requests import TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.system.environment import read_loop
-from flexstage.system.servo import Lead, ServoSettings
+from flexstage.system.servo import Filter, Lead, Notch, ServoSettings
+from tests.c_compiler import load_library
 from tests.shared_data import DATA, needs
 
 RATE, GAIN, MODE, DAMPING = 10e3, 5e-7, 910.0, 0.01
@@ -264,3 +266,34 @@ def test_the_command_prints_margins_and_writes_the_loop(
     assert settings.integral == result["settings"]["integral"]
     assert result["pi_parameters"]["0x07000301"] == pytest.approx(1e-6 * settings.integral)
     assert result["sections"] == settings.sections(RATE).tolist()
+
+
+def test_the_control_in_c_and_for_python_control_is_the_same(tmp_path: Path) -> None:
+    control = pytest.importorskip("control", reason="python-control is an optional dependency")
+    settings = ServoSettings(
+        proportional=2e5,
+        integral=3e9,
+        notches=(Notch(frequency_hz=910.0),),
+        lowpass_hz=2000.0,
+        filters=(Filter(b0=0.5, b1=0.1, b2=0.0, a1=-0.4, a2=0.1),),
+    )
+    rate = 1e4
+    error = np.random.default_rng(1).normal(scale=1e-6, size=200)
+    above, below = settings.transfer_function(rate)
+    expected = signal.lfilter(above, below, error)
+    function = control.tf(above, below, 1.0 / rate)
+    f = np.array([1.0, 910.0, 3000.0])
+    given = function(np.exp(2j * np.pi * f / rate))
+    assert given == pytest.approx(settings.response(f, rate), rel=1e-9)
+    library = load_library(tmp_path, "#include \"control.h\"\n", files={
+        "control.h": settings.c_code(rate).encode()})  # fmt: skip
+    library.control.restype = ctypes.c_double
+    state = (ctypes.c_double * (2 * len(settings.sections(rate)) + 1))()
+    doubles = [ctypes.c_void_p, *3 * [ctypes.c_double]]
+    library.control.argtypes = doubles
+    voltage = [library.control(ctypes.addressof(state), e, -1e9, 1e9) for e in error.tolist()]
+    assert voltage == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    # at a limit the integral rests
+    before = state[-1]
+    assert library.control(ctypes.addressof(state), 1.0, -1.0, 2.0) == 2.0
+    assert state[-1] == before

@@ -51,7 +51,7 @@ def tune(
     stage
         [STAGE]: A stage file, or the name of a built-in design.
     out
-        Write the control as a file for budget --loop (.yaml).
+        Write the control as a file for budget --loop (.yaml), or as a function in C (.c).
     figure
         Draw open loops and sensitivities of the set (.svg, .png or .pdf).
     """
@@ -72,7 +72,8 @@ def tune(
         written = []
         for name, axis in axes.items():
             written.append(out.with_name(f"{out.stem}-{name}{out.suffix}") if name else out)
-            write_file(written[-1], axis.loop_file().encode())
+            text = axis.c_code() if out.suffix == ".c" else axis.loop_file()
+            write_file(written[-1], text.encode())
         files = [*written, *files]
     if json:
         print_result(design.to_dict(), files)

@@ -135,6 +135,15 @@ class ResponseDesign(Result):
         delay = request.delay if isinstance(request, TuneRequest) else self.loop.delay
         return Encoder(LOOP_FILE).text(replace(self.loop, delay=delay))
 
+    def c_code(self) -> str:
+        """Return the control as a function in C."""
+        if self.loop.damping is not None:
+            raise ModelError(
+                f"the control '{self.loop.name}' has an inner loop, which the code in C lacks: "
+                "write it as .yaml"
+            )
+        return self.loop.settings.c_code(self.loop.sample_rate)
+
     def data(self) -> dict[str, Any]:
         loop, rate, inner = self.loop, self.loop.sample_rate, self.loop.damping
         pairs = zip(self.members, self.margins, strict=True)
@@ -149,6 +158,13 @@ class ResponseDesign(Result):
             "sample_rate_hz": rate,
             "delay": loop.latency,
             "sections": loop.settings.sections(rate).tolist(),
+            "transfer_function": dict(
+                zip(
+                    ("numerator", "denominator"),
+                    loop.settings.transfer_function(rate),
+                    strict=True,
+                )
+            ),
             "nominal": plain(self.nominal),
             "worst": plain(self.worst),
             "members": [
