@@ -228,7 +228,9 @@ class RequiredBandwidth:
     rms: float
     """Required rms [m]."""
     bandwidth_hz: float | None
-    """Smallest crossover that reaches it [Hz], 0 without control; None where none does."""
+    """Smallest crossover that reaches it [Hz], 0 without control; None where none does. Where the
+    smallest gain tried does, as with an inner loop alone, it is that of this gain.
+    """
     least: float
     """Least rms that the loop reaches [m]."""
     least_bandwidth_hz: float
