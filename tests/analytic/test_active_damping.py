@@ -17,7 +17,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from flexstage.base.errors import ModelError
 from flexstage.control.design import force_feedback, position_filter, robust_filters
-from flexstage.control.loop_plant import LoopPlant
+from flexstage.control.loop_plant import LoopPlant, margins_of
 from flexstage.control.measured_response import ResponseDesign, tune_response
 from flexstage.control.tuning import tune_stage
 from flexstage.lumped import lumped_system
@@ -167,6 +167,16 @@ def test_the_rms_in_a_damped_loop_is_that_of_lyapunov(integral, proportional, in
     # the loop does something
     open_stage = result.budget("open")
     assert budget.total < 0.9 * open_stage.total
+
+
+def test_the_crossover_is_that_of_the_reading_and_not_of_the_force() -> None:
+    # far below the mode a fast force loop leaves C P/F of the position loop, crossover I P/F
+    integral, position, force, fast = 2e6, 5e-7, 0.3, 1e4
+    s = 2.0j * math.pi * (f := np.geomspace(0.01, 1e3, 2001))
+    inner = fast / s * force
+    margins = margins_of(f, fast / s * integral / s * position + inner, math.pi, inner)
+    crossover = integral * position / force / (2.0 * math.pi)
+    assert margins.crossover_hz == pytest.approx(crossover, rel=1e-4)
 
 
 def tuned(kind: str) -> ResponseDesign:

@@ -441,7 +441,7 @@ def test_largest_value_and_scatter_of_drawn_records() -> None:
     assert np.abs(motion).max(axis=1).mean() == pytest.approx(budget.peak(duration), rel=0.03)
     rms = motion.std(axis=1)
     assert rms.std() / budget.total == pytest.approx(budget.spread(duration), rel=0.3)
-    with pytest.raises(ModelError, match="crosses zero 100 times a second, so that"):
+    with pytest.raises(ModelError, match=r"upward 100 times a second, and .* shorter than one"):
         budget.peak(1e-3)
 
 
@@ -699,3 +699,27 @@ def test_static_errors_and_rms_are_one_tree_of_errors() -> None:
     with pytest.raises(ModelError, match="has no thermal expansion: choose --model superelement"):
         budget_of(mean, made)
     assert budget_of(mean, environment_from_text(ENVIRONMENT)).budget().tree is None
+
+
+def test_control_of_an_axis_leaves_the_static_errors_of_another() -> None:
+    points = "points: {across: {probe: y}, turn: {probe: turn}}\n"
+    made = environment_from_text(ENVIRONMENT + STATIC + points)
+    system = lumped_system(PIEZO)
+    port = system.probe("x")
+    # a probe of an angle that turns by 3 rad for a metre
+    turn = ProbePort(name="turn", vector=3.0 * port.vector, unit="rad", body=port.body)
+    heated = LoadPort(name="temperature", vector=0.0 * port.vector, unit="K")
+    system = replace(system, probes=(*system.probes, turn), loads=(*system.loads, heated))
+    root = math.sqrt(3.0)
+    result = budget_of(system, made, "100 Hz")
+    across = result.budget("100 Hz", "across").tree
+    assert across is not None
+    found = {line.name: line.uncertainty for line in across.lines}
+    assert found["creep"] == pytest.approx(0.02 * 40e-6 / root)
+    assert "nonlinearity" not in found
+    tree = result.budget("100 Hz", "turn").tree
+    assert tree is not None
+    # shares of the rotation over the travel; a mount that grows by a length turns nothing
+    found = {line.name: line.uncertainty for line in tree.lines}
+    assert found["nonlinearity"] == pytest.approx(2e-4 * 3.0 * 40e-6 / root)
+    assert "sensor mount" not in found

@@ -147,6 +147,10 @@ def test_an_environment_that_cannot_move_a_twin_is_refused(tmp_path: Path) -> No
     path.write_text("environment: 1\nname: made\nband: [1 Hz, 5 kHz]\nsources:" + FLOOR)
     with pytest.raises(ModelError, match="has screws and is quasi-static, so no environment"):
         open_twin(f"twin://vgtu-mechanical?environment={path}", None, axes=None, timeout=None)
+    white = "spectrum: {kind: white, level: 1 nm/rtHz, sided: one}"
+    fast = environment(f"  a: {{kind: sensor, {white}}}", band="[50 kHz, 60 kHz]")
+    with pytest.raises(ModelError, match="begins at 50000 Hz, and a loop at 10000 Hz has nothing"):
+        small_stage(straight=True, environment=fast)
     hum = "spectrum: {kind: lines, at: [[50 Hz, 1 mV]]}"
     with pytest.raises(ModelError, match="no drive 'z'"):
         small_stage(

@@ -29,6 +29,7 @@ from flexstage.web.analyse.work import (
     noise_of_variant,
     save_archive,
 )
+from flexstage.web.bench.instrument import real_time_address
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.sessions import Preferences
 from flexstage.web.views.analyse import errors_table, meshes_table
@@ -285,6 +286,14 @@ def test_noise_is_that_of_the_command(
     assert "<svg" in found.picture
     with pytest.raises(ModelError, match="a loop is a crossover such as '100 Hz', or tune, got"):
         noise_of_variant(variant, FLOOR, "/etc/passwd", "lumped", tmp_path)
+    (tmp_path / "secret.csv").write_text("1, 1\n5000, 1\n")
+    read = f"{{kind: file, path: {tmp_path}/secret.csv, density_unit: nm/rtHz, sided: one}}"
+    named = FLOOR.replace("{kind: vc, curve: C, slope_above: -5}", read)
+    with pytest.raises(ModelError, match=r"no file is read here, got .*: give its densities as"):
+        noise_of_variant(variant, named, "", "lumped", tmp_path)
+    for scheme in ("twin", "TWIN"):
+        with pytest.raises(ModelError, match="reads no environment that an address names"):
+            real_time_address(f"{scheme}://vgtu-piezo?environment={tmp_path}/secret.csv")
 
 
 def test_noise_is_computed_in_the_page(tmp_path: Path) -> None:

@@ -181,8 +181,8 @@ class PointBudget:
         rate = math.sqrt(self.moment(2) / variance) / (2.0 * math.pi)
         if not rate * duration > 1.0:
             raise ModelError(
-                f"'{self.point}' crosses zero {rate:.3g} times a second, so that {duration:g} s "
-                "are no period: give a longer duration"
+                f"'{self.point}' crosses zero upward {rate:.3g} times a second, and a duration of "
+                f"{duration:g} s is shorter than one period: give a longer one"
             )
         a = math.sqrt(2.0 * math.log(2.0 * rate * duration))
         return math.sqrt(variance) * (a + float(np.euler_gamma) / a)
@@ -228,7 +228,9 @@ class RequiredBandwidth:
     rms: float
     """Required rms [m]."""
     bandwidth_hz: float | None
-    """Smallest crossover that reaches it [Hz], 0 without control; None where none does."""
+    """Smallest crossover that reaches it [Hz], 0 without control; None where none does. Where the
+    smallest gain tried does, as with an inner loop alone, it is that of this gain.
+    """
     least: float
     """Least rms that the loop reaches [m]."""
     least_bandwidth_hz: float
@@ -413,8 +415,9 @@ def error_tree(setup: "_Setup", budget: PointBudget) -> Propagated | None:
     Abbe :math:`d\psi/2`, cosine :math:`L(1 - \cos\alpha)`, sensor :math:`nL` and, of its mount,
     :math:`\alpha_h l\,\Delta T`; creep and hysteresis are shares of L.
 
-    Validity: independent errors, first order. Control removes creep, hysteresis and the drift of
-    the stage, and brings in the errors of its sensor, other than noise and steps.
+    Validity: independent errors, first order. At the probe of its axis control removes creep,
+    hysteresis and the drift of the stage, and brings in the errors of its sensor, other than noise
+    and steps. A travel below the stroke reduces all motion of the axis in proportion.
     """
     static = setup.environment.static
     if static is None:
@@ -423,9 +426,12 @@ def error_tree(setup: "_Setup", budget: PointBudget) -> Propagated | None:
     port = setup.system.probe(probe)
     ports = [a for a in setup.system.axes if a.probe == probe]
     ports += [a for a in setup.system.axes if a.name == setup.axis]
-    moved = analyse_axis(setup.system, ports[0])
-    stroke = abs(moved.static.readings[probe])
-    travel = stroke if static.travel is None or port.unit != "m" else static.travel
+    axis = ports[0]
+    moved = analyse_axis(setup.system, axis)
+    stroke = abs(moved.static.readings[axis.probe])
+    in_metres = setup.system.probe(axis.probe).unit == "m"
+    share = 1.0 if static.travel is None or not in_metres else static.travel / stroke
+    travel = share * abs(moved.static.readings[probe])
     over = f"of {1e6 * travel:.4g} u{port.unit} travel"
     sensor, errors = static.sensor, []
 
@@ -438,7 +444,7 @@ def error_tree(setup: "_Setup", budget: PointBudget) -> Propagated | None:
             )
 
     change = f"temperature {static.temperature:g} K"
-    if setup.loop is None:
+    if setup.loop is None or axis.name != setup.axis:
         if static.temperature:
             rate, model = _drift_rate(setup, probe)
             add("thermal drift", rate * static.temperature, f"{change}; {model}")
@@ -447,8 +453,9 @@ def error_tree(setup: "_Setup", budget: PointBudget) -> Propagated | None:
     elif sensor is not None:
         scale = f"sensor, nonlinearity {100.0 * sensor.nonlinearity:g} % {over}"
         add("nonlinearity", sensor.nonlinearity * travel, scale)
-        mount = sensor.expansion * sensor.length_of_loop * static.temperature
-        add("sensor mount", mount, f"{change}, sensor, expansion and length_of_loop")
+        if port.unit == "m":
+            mount = sensor.expansion * sensor.length_of_loop * static.temperature
+            add("sensor mount", mount, f"{change}, sensor, expansion and length_of_loop")
         for name, size in (
             ("calibration", sensor.calibration),
             # of a normal angle
@@ -464,12 +471,12 @@ def error_tree(setup: "_Setup", budget: PointBudget) -> Propagated | None:
                     )
                 )  # fmt: skip
     if sensor is not None and port.unit == "m":
-        turn = moved.static.body_motion[port.body][2] * travel / stroke
+        turn = moved.static.body_motion[port.body][2] * share
         place = f"abbe_offset {1e3 * sensor.abbe_offset:g} mm, rotation {1e6 * turn:.3g} urad"
         add("Abbe", 0.5 * sensor.abbe_offset * turn, f"{place} {over}, {setup.system.model} model")
     rms = Influence(
         name="vibration and noise", value=0.0, uncertainty=budget.total, unit=port.unit,
-        source=f"environment '{setup.environment.name}', loop {budget.loop}",
+        source=f"environment '{setup.environment.name}'",
     )  # fmt: skip
     return propagate(lambda *parts: sum(parts), [rms, *errors], unit=port.unit)
 
@@ -495,7 +502,8 @@ def required_bandwidth(setup: "_Setup", target: float) -> RequiredBandwidth:
     of the largest stable one are tried on a logarithmic grid, and refined where the rms falls below
     the required one, or is least.
 
-    Validity: the rms has no narrow dip between two gains of the grid.
+    Validity: the rms has no narrow dip between two gains of the grid, and the loop is stable at
+    every smaller gain.
     """
     from scipy.optimize import brentq, minimize_scalar
 
@@ -522,12 +530,10 @@ def required_bandwidth(setup: "_Setup", target: float) -> RequiredBandwidth:
     bandwidth = 0.0 if opened <= target else None
     if bandwidth is None and least <= target:
         below = values <= target
-        first = int(np.argmax(below)) if below.any() else k
-        low, high = (gains[first - 1], gains[first]) if below.any() else (around[0], at)
-        bandwidth = crossover(
-            float(brentq(lambda gain: rms(gain) - target, low, high, xtol=1e-4))
-            if first else gains[0]
-        )  # fmt: skip
+        first = int(np.argmax(below))
+        low, high = (gains[max(first - 1, 0)], gains[first]) if below.any() else (around[0], at)
+        smallest = low if below[0] else brentq(lambda g: rms(g) - target, low, high, xtol=1e-4)
+        bandwidth = crossover(float(smallest))
     reached = replace(setup, loop=None) if open_is_best else _scaled_gain(setup, math.exp(at))
     return RequiredBandwidth(
         loop=setup.loop.name,
@@ -944,13 +950,13 @@ def _responder(setup: _Setup, every: Modes) -> Callable[[Array], Complex]:
             return response[:-1]
         motion, read = response[:-2], response[-2, :-1].copy()
         read[[k for k, s in enumerate(sources) if s.kind == "sensor"]] = 1.0
-        command = np.zeros_like(f, dtype=np.complex128)
+        command = np.zeros_like(read)
         low = f < 0.5 * loop.sample_rate
         by_reading, by_force = loop.feedback(f[low])
         hold = np.sinc(f / loop.sample_rate) * np.exp(
             -omega * (0.5 / loop.sample_rate + loop.latency)
         )
-        around = by_reading * plant.response(f[low])
+        fed, around = by_reading * read[:, low], by_reading * plant.response(f[low])
         if by_force is not None:
             around += by_force * plant.force_response(f[low])
             # the blocked force of the voltage, less what the elongation takes away
@@ -958,9 +964,9 @@ def _responder(setup: _Setup, every: Modes) -> Callable[[Array], Complex]:
             for k, source in enumerate(sources):
                 if isinstance(source, DriveVoltage) and source.drive == setup.port.name:
                     stack[k] += plant.blocked_force
-            read[:, low] += by_force / by_reading * stack[:, low]
-        command[low] = -by_reading / (1.0 + around) * hold[low]
-        return motion[:, :-1] + motion[:, -1:] * (command * read)
+            fed += by_force * stack[:, low]
+        command[:, low] = -fed / (1.0 + around) * hold[low]
+        return motion[:, :-1] + motion[:, -1:] * command
 
     return respond
 

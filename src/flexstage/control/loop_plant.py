@@ -333,7 +333,7 @@ def margins_of(
 
     `lag` is that of its integrals [rad]. `inner` is the part of the loop by another sensor than
     that of the position: the sensitivity is then the larger of those to errors of the voltage and
-    of the reading, and the bandwidth is that of the reading.
+    of the reading; crossover and bandwidth are those of the reading, with the inner loop closed.
     """
     distance = np.abs(1.0 + loop) / np.abs(1.0 + inner)
     worst = min(float(distance.min()), float(np.abs(1.0 + loop).min()))
@@ -345,7 +345,7 @@ def margins_of(
         gain_margin=gain_margin(loop),
         phase_margin=_phase_margin(loop) if high.any() else math.inf,
         sensitivity_peak=1.0 / worst if worst > 0.0 else math.inf,
-        crossover_hz=_first_fall(f, np.abs(loop)),
+        crossover_hz=_first_fall(f, np.abs((loop - inner) / (1.0 + inner))),
         bandwidth_hz=float(upto),
     )
 

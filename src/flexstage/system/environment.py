@@ -155,8 +155,8 @@ class Spectrum:
         del band
         require_ranges(self, ModelError, f"a spectrum of kind {self.kind}")
 
-    def loaded(self, folder: Path) -> "Spectrum":
-        """Return the spectrum with the content of its file, which is in a folder."""
+    def loaded(self, folder: Path | None) -> "Spectrum":
+        """Return the spectrum with the content of its file in a folder; None refuses files."""
         del folder
         return self
 
@@ -408,7 +408,11 @@ class FromFile(Spectrum):
     outside: Outside = "refused"
     """Outside its frequencies: refused, or zero."""
 
-    def loaded(self, folder: Path) -> Spectrum:
+    def loaded(self, folder: Path | None) -> Spectrum:
+        if folder is None:
+            raise ModelError(
+                f"no file is read here, got '{self.path[:60]}': give its densities as kind: table"
+            )
         factor, unit = density_unit(self.density_unit)
         columns = read_text(folder / self.path, TextLayout()).columns
         if max(self.columns) >= len(columns):
@@ -584,8 +588,8 @@ class Environment:
     """Points of interest; by default the probe of the axis against the base."""
     static: StaticErrors | None = None
     """Causes of static errors."""
-    folder: Path = Path()
-    """Folder of its files; not in the file."""
+    folder: Path | None = Path()
+    """Folder of its files, None to refuse files; not in the file."""
 
     def __post_init__(self) -> None:
         require_ranges(self, ModelError, "the environment")
@@ -650,8 +654,10 @@ def ready_text(stage: Stage) -> str | None:
     return Template(ready[stage.name].read_text("utf-8")).substitute(parts)
 
 
-def environment_from_text(text: str, source: str = "environment") -> Environment:
-    """Read the description of an environment from text.
+def environment_from_text(
+    text: str, source: str = "environment", *, folder: Path | None = Path()
+) -> Environment:
+    """Read the description of an environment from text, its files in a folder; None refuses them.
 
     Examples
     --------
@@ -667,7 +673,7 @@ def environment_from_text(text: str, source: str = "environment") -> Environment
     2.05 um/s/rtHz
     """
     decoder, root = read(text, source, ENVIRONMENT_FILE)
-    return decoder.build(Environment, root, "", {"folder": Path()})
+    return decoder.build(Environment, root, "", {"folder": folder})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

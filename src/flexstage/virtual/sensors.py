@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.quantities.sensor import SensorSpecification
@@ -345,13 +346,20 @@ class SourceSignals:
     Notes
     -----
     Validity: a block lasts four of the slowest periods of the band, but at most `longest` samples:
-    slower motion, and what lies above half the rate, is omitted. All signals but those of sensors
+    slower motion, and what lies above half the rate, is omitted, and a peak of a density narrower
+    than the inverse of a block is not resolved. All signals but those of sensors
     are raised by the square of a sinc, since the loop takes straight lines between samples.
     """
 
     def __init__(
         self, environment: Environment, rate_hz: float, seed: int, *, longest: int = 2**19
     ) -> None:
+        if not environment.band[0] < 0.5 * rate_hz:
+            raise ModelError(
+                f"the band of environment '{environment.name}' begins at {environment.band[0]:g} "
+                f"Hz, and a loop at {rate_hz:g} Hz has nothing from half its rate on: lower the "
+                "band, or raise the rate"
+            )
         slowest = 4.0 * rate_hz / environment.band[0]
         self._half = int(2.0 ** math.ceil(math.log2(min(slowest, float(longest))))) // 2
         self._environment, self._rate, self._seed = environment, rate_hz, seed

@@ -24,7 +24,7 @@ from flexstage.report.tables import cause_words, loops_table, percent, tree_tabl
 from flexstage.studies.models import run_models
 from flexstage.studies.requests import AnalyseRequest, BudgetRequest, ModelOptions
 from flexstage.system import Analysis, DriveCondition, FrequencyResponse
-from flexstage.system.environment import crossover_of
+from flexstage.system.environment import crossover_of, environment_from_text
 from flexstage.system.response import default_frequencies_hz, response_of_modes
 from flexstage.web.design.state import Variant
 from flexstage.web.jobs import BackgroundJob
@@ -114,7 +114,7 @@ def noise_of_variant(
 ) -> NoiseResult:
     """Compute the budget of a variant from the text of an environment, kept in a folder.
 
-    `loops` are crossovers or ``tune``, separated by commas.
+    `loops` are crossovers or ``tune``, separated by commas. A browser names no files to read.
     """
     from flexstage.studies.models import stage_budget
 
@@ -122,6 +122,7 @@ def noise_of_variant(
     for word in named:
         if word != "tune" and crossover_of(word) is None:
             raise ModelError(f"a loop is a crossover such as '100 Hz', or tune, got '{word[:60]}'")
+    environment_from_text(description, folder=None)
     path = folder / "environment.yaml"
     write_whole(path, description.encode())
     request = BudgetRequest(environment=path, loop=named, model=model)  # type: ignore[arg-type]

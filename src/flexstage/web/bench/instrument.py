@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+from flexstage.base.errors import ModelError
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.web.jobs import Cancelled
 from flexstage.web.live_history import POSITION, VOLTAGE, LiveChannel
@@ -59,7 +60,15 @@ def real_time_address(address: str) -> str:
     ('twin://?seed=3&fast=0', 'gcs://127.0.0.1:50000')
     """
     address = address.strip()
-    if not address.startswith("twin:") or "fast" in parse_qs(urlsplit(address).query):
+    parts = urlsplit(address)
+    options = parse_qs(parts.query, keep_blank_values=True)
+    # the messages of its reader quote a file
+    if parts.scheme == "twin" and "environment" in options:
+        raise ModelError(
+            "the panel reads no environment that an address names: run flexstage twin "
+            "--environment, and give its address"
+        )
+    if parts.scheme != "twin" or "fast" in options:
         return address
     return f"{address}{'&' if '?' in address else '?'}fast=0"
 

@@ -7,7 +7,9 @@ from typing import Any
 
 from nicegui import events, ui
 
+from flexstage.base.errors import ModelError
 from flexstage.files.names import file_name
+from flexstage.files.nodes import read_text
 from flexstage.quantities.comparison import MODEL_WORDS, title_of
 from flexstage.quantities.quantity import QUANTITIES, number
 from flexstage.report.tables import coupling_tables
@@ -270,7 +272,7 @@ class NoisePanel:
         self._state.environments[self._variant.name] = event.value or ""
 
     def _uploaded(self, path: Path) -> None:
-        self._text.value = path.read_text("utf-8")
+        self._text.value = read_text(path, "description of an environment", ModelError)
 
     def _start(self) -> None:
         state, variant = self._state, self._variant
@@ -284,7 +286,8 @@ class NoisePanel:
         def finish(job: BackgroundJob) -> None:
             if job.state == "done":
                 state.noise = {variant: job.result}
-                self.show({})
+                if not self._place.is_deleted:
+                    self.show({})
 
         with self._working:
             show_job(self._page, job, finish)
