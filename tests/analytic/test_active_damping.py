@@ -253,6 +253,7 @@ def test_active_damping_quietens_the_piezo_stage_and_passes_through_a_file(tmp_p
     assert [1e9 * stage, 1e9 * tune, 1e9 * damped] == pytest.approx([4.63, 2.57, 1.92], abs=0.01)
     assert found.data()["damping"]["kind"] == "ppf"
     assert found.data()["pi_parameters"] is None
+    assert found.data()["pid"] is None
 
 
 def test_what_cannot_be_damped_is_refused_in_a_sentence() -> None:

@@ -64,6 +64,18 @@ def test_axes_that_a_matrix_mixes_are_decoupled_exactly() -> None:
     assert made.all_axes[0].stable
 
 
+def test_axes_of_unlike_units_are_as_dependent_as_of_like_units() -> None:
+    # a rotation [rad] has a number some thousand times that of a length [m]
+    unlike = np.diag([1.0, 2e4])
+    own = plant(910.0).response(LINES)[:, None, None]
+    like, other = (
+        decoupled([measured(LINES, own * m)], request())[0] for m in (MIXED, unlike @ MIXED)
+    )
+    assert other.matrix == pytest.approx(like.matrix, rel=1e-9)
+    assert other.gains == pytest.approx(unlike @ like.gains, rel=1e-9)
+    assert other.after == pytest.approx(like.after, abs=1e-9)
+
+
 @pytest.mark.parametrize("angle", [20.0, 75.0, 100.0])
 def test_all_loops_together_by_the_poles_of_the_exact_loop(angle: float) -> None:
     # integral control with a delay of two samples, through a matrix that turns the axes: with the
@@ -132,6 +144,7 @@ def test_the_command_decouples_the_axes_of_a_stage(
     result = json.loads(capsys.readouterr().out)
     assert result["decoupling"]["outputs"] == ["x", "y"]
     assert result["all_axes"][0]["stable"]
+    assert any("budget --loop applies them without it" in note for note in result["notes"])
     for axis, made in zip("xy", result["axes"], strict=True):
         loop = read_loop(tmp_path / f"a-{axis}.yaml")
         assert loop.settings.integral == made["settings"]["integral"]

@@ -108,14 +108,16 @@ def decoupled(
     near = [int(np.argmin(np.abs(r.frequency_hz - target))) for r in responses]
     mean = np.mean([r.response[k] for r, k in zip(responses, near, strict=True)], axis=0)
     at = float(first.frequency_hz[near[0]])
-    least, late = np.linalg.svd(mean.real)[1][-1], np.linalg.norm(mean.imag, 2)
+    gains = np.abs(mean.real).max(axis=1)
+    # over the gains, since axes may have unlike units
+    alike = mean / np.where(gains > 0.0, gains, 1.0)[:, None]
+    least, late = np.linalg.svd(alike.real)[1][-1], np.linalg.norm(alike.imag, 2)
     if not least > late:
         raise ModelError(
-            f"the responses at {at:.4g} Hz are dependent or late: their real part has the smallest "
-            f"singular value {least:.3g}, their imaginary part the largest {late:.3g}; decouple at "
-            "a lower frequency, below the modes"
+            f"the responses at {at:.4g} Hz are dependent or late: over the gains of the axes, "
+            f"their real part has the smallest singular value {least:.3g}, their imaginary part "
+            f"the largest {late:.3g}; decouple at a lower frequency, below the modes"
         )
-    gains = np.abs(mean.real).max(axis=1)
     matrix = np.linalg.inv(mean.real) * gains
     axes: list[list[MeasuredResponse]] = [[] for _ in range(n)]
     for response in responses:
@@ -282,6 +284,8 @@ def tune_axes(responses: Sequence[MeasuredResponse], request: TuneRequest) -> Ax
         f"{peak / (peak - 1.0):.3g} and {peak / (peak + 1.0):.3g}, or phases change by "
         f"{math.degrees(2.0 * math.asin(0.5 / peak)):.3g} deg, at once",
         "the matrix is constant: cross-talk returns where a mode moves several axes",
+        "a control of one axis holds behind the matrix alone: --json has it, the loop files of "
+        "--out do not, and budget --loop applies them without it",
     ]
     if factor < 1.0:
         notes.append(f"all gains are {factor:.3g} times those of each axis alone")
