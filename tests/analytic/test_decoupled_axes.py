@@ -16,10 +16,18 @@ import pytest
 from flexstage.base.errors import ModelError
 from flexstage.cli import main
 from flexstage.control.loop_plant import LoopPlant
-from flexstage.control.tuning import Decoupling, decoupled, tune_axes, whole_margins
+from flexstage.control.tuning import (
+    Decoupling,
+    decoupled,
+    tune_axes,
+    tune_stage,
+    whole_margins,
+)
 from flexstage.hysteresis import StageModes
+from flexstage.lumped import lumped_system
 from flexstage.measure.requests import TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
+from flexstage.stage.designs import design
 from flexstage.system.environment import PositionLoop, read_loop
 from flexstage.system.servo import ServoSettings
 from tests.shared_data import DATA, needs
@@ -129,6 +137,11 @@ def test_responses_that_cannot_be_decoupled_are_refused() -> None:
     prompt = plant(910.0, 0.0).response(LINES)[:, None, None]
     with pytest.raises(ModelError, match="dependent or late"):
         decoupled([measured(LINES, prompt * MIXED)], request(decouple=910.0))
+    stage, none = design("vgtu-piezo"), TuneRequest(decouple=0.0)
+    with pytest.raises(ModelError, match="controls all axes: omit --axis"):
+        tune_stage(stage, lumped_system(stage), replace(none, axis="y"))
+    with pytest.raises(ModelError, match="--output is for measured responses"):
+        tune_stage(stage, lumped_system(stage), replace(none, output="y"))
     with pytest.raises(ModelError, match="iff damps one axis"):
         tune_axes([measured(LINES, own * MIXED)], request(control="iff"))
 

@@ -110,8 +110,8 @@ def decoupled(
     at = float(first.frequency_hz[near[0]])
     gains = np.abs(mean.real).max(axis=1)
     # over the gains, since axes may have unlike units
-    alike = mean / np.where(gains > 0.0, gains, 1.0)[:, None]
-    least, late = np.linalg.svd(alike.real)[1][-1], np.linalg.norm(alike.imag, 2)
+    relative = mean / np.where(gains > 0.0, gains, 1.0)[:, None]
+    least, late = np.linalg.svd(relative.real)[1][-1], np.linalg.norm(relative.imag, 2)
     if not least > late:
         raise ModelError(
             f"the responses at {at:.4g} Hz are dependent or late: over the gains of the axes, "
@@ -330,6 +330,14 @@ def tune_stage(
     """
     if request.frf:
         raise ModelError("tune on the model of a stage or on measured responses: omit one of both")
+    of_files = [n for n in ("input", "output", "response", "resolution", "repeated")
+                if getattr(request, n)]  # fmt: skip
+    if of_files:
+        raise ModelError(
+            f"--{of_files[0]} is for measured responses, and a STAGE has none: omit it"
+        )
+    if request.decouple is not None and request.axis is not None:
+        raise ModelError("--decouple controls all axes: omit --axis")
     delay = 1.0 / request.servo_rate if request.delay is None else request.delay
     request = replace(request, delay=delay)
     if request.decouple is not None:

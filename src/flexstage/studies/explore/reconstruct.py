@@ -239,10 +239,10 @@ class _Fit:
             z = best[1] + np.linalg.cholesky(covariance) @ draw
             if not self.stages.exists(z):
                 continue
-            found = self._from(z)
-            if self._explained(found[0]):
-                return found
-            best, starts = min(best, found, key=lambda pair: self._cost(pair[0])), starts + 1
+            fit = self._from(z)
+            if self._explained(fit[0]):
+                return fit
+            best, starts = min(best, fit, key=lambda pair: self._cost(pair[0])), starts + 1
             if starts == _EFFORT.starts:
                 break
         return best
