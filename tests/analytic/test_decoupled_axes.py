@@ -132,6 +132,9 @@ def test_responses_that_cannot_be_decoupled_are_refused() -> None:
     own = plant(910.0).response(LINES)[:, None, None]
     with pytest.raises(ModelError, match="as many inputs as outputs, two or more"):
         decoupled([measured(LINES, own)], request())
+    mixed = replace(measured(LINES, own * MIXED), input_units=("V", "A"))
+    with pytest.raises(ModelError, match="units V, A: --decouple needs inputs of one unit"):
+        decoupled([mixed], request())
     with pytest.raises(ModelError, match="dependent or late"):
         decoupled([measured(LINES, own * np.ones((2, 2)))], request())
     prompt = plant(910.0, 0.0).response(LINES)[:, None, None]

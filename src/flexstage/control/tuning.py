@@ -104,6 +104,12 @@ def decoupled(
                 f"'{response.source}' has {shape[0]} outputs and {shape[1]} inputs: --decouple "
                 "needs as many inputs as outputs, two or more"
             )
+        if len(set(response.input_units)) > 1:
+            raise ModelError(
+                f"the inputs of '{response.source}' have the units "
+                f"{', '.join(response.input_units)}: --decouple needs inputs of one unit, so "
+                "convert them"
+            )
     target = request.decouple or 0.0
     near = [int(np.argmin(np.abs(r.frequency_hz - target))) for r in responses]
     mean = np.mean([r.response[k] for r, k in zip(responses, near, strict=True)], axis=0)
@@ -280,9 +286,9 @@ def tune_axes(responses: Sequence[MeasuredResponse], request: TuneRequest) -> Ax
     peak = max(w.sensitivity_peak for w in together)
     notes = [
         f"all loops together: Nyquist count of det(I + L) and largest singular value of the "
-        f"sensitivity for {len(together)} responses; any gains of the axes may rise or fall by "
-        f"{peak / (peak - 1.0):.3g} and {peak / (peak + 1.0):.3g}, or phases change by "
-        f"{math.degrees(2.0 * math.asin(0.5 / peak)):.3g} deg, at once",
+        f"sensitivity for {len(together)} responses; the gains of the axes may be "
+        f"{peak / (peak + 1.0):.3g} to {peak / (peak - 1.0):.3g} times as large, or phases change "
+        f"by {math.degrees(2.0 * math.asin(0.5 / peak)):.3g} deg, at once",
         "the matrix is constant: cross-talk returns where a mode moves several axes",
         "a control of one axis holds behind the matrix alone: --json has it, the loop files of "
         "--out do not, and budget --loop applies them without it",
