@@ -25,7 +25,7 @@ from flexstage.measure.requests import TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.stage import PiezoStack
 from flexstage.stage.designs import design
-from flexstage.system.environment import PositionLoop, read_loop
+from flexstage.system.environment import Environment, PositionLoop, read_loop
 from flexstage.system.servo import ForceFeedback, PositionFeedback, ServoSettings
 from tests.analytic.test_dynamic_budget import (
     MASS,
@@ -250,15 +250,20 @@ def test_a_tuned_inner_loop_is_stable_and_damps_for_the_whole_set(kind: str) -> 
     assert largest_pole(made, 1.01 * made.nominal.gain_margin, 1.0) > 1.0
 
 
-def test_active_damping_quietens_the_piezo_stage_and_passes_through_a_file(tmp_path: Path) -> None:
-    system = lumped_system(PIEZO)
-    made = environment(
+def laboratory() -> Environment:
+    """Return the environment of the manual."""
+    return environment(
         "kind: ground, along: x, spectrum: {kind: vc, curve: C, slope_above: -5}",
         "kind: sensor, spectrum: {kind: white, level: 0.02 nm/rtHz, sided: one, corner: 5 Hz}",
         "kind: voltage, drive: x, spectrum: {kind: lowpass, rms: 1 mV, bandwidth: 1 kHz}",
         "kind: voltage, drive: x, spectrum: {kind: quantiser, step: 2.29 mV, rate: 10 kHz}",
         band="[0.1 Hz, 5 kHz]",
     )
+
+
+def test_active_damping_quietens_the_piezo_stage_and_passes_through_a_file(tmp_path: Path) -> None:
+    system = lumped_system(PIEZO)
+    made = laboratory()
     path = tmp_path / "loop.yaml"
     found = tune_stage(PIEZO, system, TuneRequest(control="ppf", goal="noise"))
     robust = tune_stage(PIEZO, system, TuneRequest(control="h-infinity", goal="noise"))
@@ -277,6 +282,19 @@ def test_active_damping_quietens_the_piezo_stage_and_passes_through_a_file(tmp_p
     assert robust.data()["pid"] is None
     assert found.data()["damping"]["kind"] == "ppf"
     assert found.data()["pi_parameters"] is None
+    assert found.data()["pid"] is None
+
+
+@pytest.mark.slow
+def test_a_force_feedback_is_quiet_if_its_bandwidth_counts() -> None:
+    system = lumped_system(PIEZO)
+    # as printed in the manual
+    for goal, wanted in (("noise", 3.39), ("bandwidth", 2.24)):
+        tuning = tune_stage(PIEZO, system, replace(TuneRequest(control="iff"), goal=goal))
+        assert isinstance(tuning, ResponseDesign)
+        rms = budget_of(system, laboratory(), tuning.loop).budget("iff").total
+        assert 1e9 * rms == pytest.approx(wanted, abs=0.01)
+        assert any("without noise of the force" in note for note in tuning.notes)
 
 
 @pytest.mark.parametrize(("crossover", "late"), [(20.0, 0), (20.0, 1), (800.0, 0), (800.0, 1)])

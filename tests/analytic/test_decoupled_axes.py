@@ -73,6 +73,18 @@ def test_axes_that_a_matrix_mixes_are_decoupled_exactly() -> None:
     assert made.all_axes[0].stable
 
 
+def test_axes_of_unlike_units_are_as_dependent_as_of_like_units() -> None:
+    # a rotation [rad] has a number some thousand times that of a length [m]
+    unlike = np.diag([1.0, 2e4])
+    own = plant(910.0).response(LINES)[:, None, None]
+    like, other = (
+        decoupled([measured(LINES, own * m)], request())[0] for m in (MIXED, unlike @ MIXED)
+    )
+    assert other.matrix == pytest.approx(like.matrix, rel=1e-9)
+    assert other.gains == pytest.approx(unlike @ like.gains, rel=1e-9)
+    assert other.after == pytest.approx(like.after, abs=1e-9)
+
+
 @pytest.mark.parametrize("angle", [20.0, 75.0, 100.0])
 def test_all_loops_together_by_the_poles_of_the_exact_loop(angle: float) -> None:
     # integral control with a delay of two samples, through a matrix that turns two of three axes:
@@ -122,6 +134,9 @@ def test_responses_that_cannot_be_decoupled_are_refused() -> None:
     own = plant(910.0).response(LINES)[:, None, None]
     with pytest.raises(ModelError, match="as many inputs as outputs, two or more"):
         decoupled([measured(LINES, own)], request())
+    mixed = replace(measured(LINES, own * MIXED), input_units=("V", "A"))
+    with pytest.raises(ModelError, match="units V, A: --decouple needs inputs of one unit"):
+        decoupled([mixed], request())
     with pytest.raises(ModelError, match="dependent or late"):
         decoupled([measured(LINES, own * np.ones((2, 2)))], request())
     prompt = plant(910.0, 0.0).response(LINES)[:, None, None]
@@ -129,8 +144,11 @@ def test_responses_that_cannot_be_decoupled_are_refused() -> None:
         decoupled([measured(LINES, prompt * MIXED)], request(decouple=910.0))
     with pytest.raises(ModelError, match="--axis is that of a STAGE, got 'x'"):
         tune_files(request(frf=("x.csv",), axis="x"))
-    with pytest.raises(ModelError, match="--decouple is of all axes"):
-        tune_stage(design("vgtu-piezo"), lumped_system(design("vgtu-piezo")), request(axis="x"))
+    stage, none = design("vgtu-piezo"), TuneRequest(decouple=0.0)
+    with pytest.raises(ModelError, match="controls all axes: omit --axis"):
+        tune_stage(stage, lumped_system(stage), replace(none, axis="y"))
+    with pytest.raises(ModelError, match="--output is for measured responses"):
+        tune_stage(stage, lumped_system(stage), replace(none, output="y"))
     with pytest.raises(ModelError, match="iff damps one axis"):
         tune_axes([measured(LINES, own * MIXED)], request(control="iff"))
 
@@ -146,6 +164,7 @@ def test_the_command_decouples_the_axes_of_a_stage(
     result = json.loads(capsys.readouterr().out)
     assert result["decoupling"]["outputs"] == ["x", "y"]
     assert result["all_axes"][0]["stable"]
+    assert any("budget --loop applies them without it" in note for note in result["notes"])
     for axis, made in zip("xy", result["axes"], strict=True):
         loop = read_loop(tmp_path / f"a-{axis}.yaml")
         assert loop.settings.integral == made["settings"]["integral"]

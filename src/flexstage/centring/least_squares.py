@@ -1,9 +1,9 @@
 """Least squares of harmonics: normal equations in one pass, and noise from the residuals."""
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -179,25 +179,25 @@ class HarmonicProblem:
         With `readings`, all angles have the same weight, however often they are read, and the
         equation of the drift is that of the differences between readings of one angle. These are
         the least squares of a scale with an error of its own at each angle (fixed effects), of
-        whose turn the harmonics are fitted: orders that are not fitted do not leak into them.
+        whose turn the harmonics are fitted: orders that are not fitted do not leak into them. An
+        angle at which a reading is rejected keeps its weight, and has no part in the drift.
         """
-
-        def of(w: Array | None, y: Array) -> NormalEquations:
-            return accumulated(
-                self.u, y, self.orders, drift=self.drift, weights=w, bounds=self.bounds
-            )
-
+        of = partial(accumulated, self.u, orders=self.orders, drift=self.drift, bounds=self.bounds)
         if self.readings is None:
-            return of(weights, self.y)
+            return of(self.y, weights=weights)
         inliers = np.ones(self.u.size) if weights is None else weights
         readings, later = self.readings
-        w, none = inliers / readings, self.y[:, :0]
-        sums, scatter = of(w, self.y), of(w * w, none).gram[0]
+        for lost in self.u[inliers == 0.0]:
+            again = np.abs((self.u - lost + 0.5) % 1.0 - 0.5) < 0.5 * np.ptp(self.u) / self.u.size
+            readings, later = readings - again, later * ~again
+        w, none = inliers / np.maximum(readings, 1.0), self.y[:, :0]
+        sums, scatter = of(self.y, weights=w), of(none, weights=w * w).gram[0]
         if self.drift:
-            a = later * inliers
-            change = of(a, self.y)
+            # where no pair is left, its parts remain
+            a = (later if np.any(later) else self.readings[1]) * inliers
+            change = of(self.y, weights=a)
             sums.gram[0, 1], sums.right[0, 1] = change.gram[0, 0], change.right[0, 0]
-            scatter[1] = scatter[:, 1] = of(a * w, none).gram[0, 0]
+            scatter[1] = scatter[:, 1] = of(none, weights=a * w).gram[0, 0]
             scatter[1, 1] = a @ a
         return replace(sums, scatter=scatter)
 
@@ -372,7 +372,7 @@ def _is_synchronous(multiples: Array, between: Array) -> bool:
     return bool(multiples.mean() > (1.0 + significant * chance) * between.mean())
 
 
-@functools.cache
+@cache
 def _spectra() -> tuple[Array, Array, Array, Array]:
     """Return g, c and power of f of the spectra, in cycles per turn, and their probability."""
     corners = np.array([7.0, 20.0, 50.0])

@@ -153,7 +153,8 @@ class ResponseDesign(Result):
             "unit": self.unit,
             "settings": plain(loop.settings),
             "damping": inner and {"kind": inner.kind} | plain(inner),
-            "pid": parallel_gains(loop.settings),
+            # neither PID nor controllers have an inner loop
+            "pid": None if inner else parallel_gains(loop.settings),
             "pi_parameters": None if inner or self.unit != "m/V" else pi_parameters(loop.settings),
             "sample_rate_hz": rate,
             "delay": loop.latency,

@@ -172,7 +172,9 @@ def response_set(
         f, h = one.frequency_hz, one.response[:, o, 0]
         force = one.response[:, 1, 0] if by_force else None
         radius, origin = _radius(one, o, request, single)
-        origins.append(origin)
+        # the same one of reading and force
+        common = by_force and bool(radius.any())
+        origins.append(origin + (", of the drive, without noise of the force" if common else ""))
         measured.append(Member(name=name, frequency_hz=f, response=h, force=force))
         factors = [(0j, "")]
         if radius.any():
@@ -183,7 +185,6 @@ def response_set(
         for s, (factor, error) in itertools.product(shifts.tolist(), factors):
             shifted = f", frequencies {100.0 * s:+.2g} %" if s else ""
             below = (1.0 + s) * dense <= highest
-            # an error of the drive is one of both
             erred = (values * (1.0 + relative * factor)[:, None])[below].T
             members.append(
                 Member(

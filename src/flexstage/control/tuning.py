@@ -104,18 +104,26 @@ def decoupled(
                 f"'{response.source}' has {shape[0]} outputs and {shape[1]} inputs: --decouple "
                 "needs as many inputs as outputs, two or more"
             )
+        if len(set(response.input_units)) > 1:
+            raise ModelError(
+                f"the inputs of '{response.source}' have the units "
+                f"{', '.join(response.input_units)}: --decouple needs inputs of one unit, so "
+                "convert them"
+            )
     target = request.decouple or 0.0
     near = [int(np.argmin(np.abs(r.frequency_hz - target))) for r in responses]
     mean = np.mean([r.response[k] for r, k in zip(responses, near, strict=True)], axis=0)
     at = float(first.frequency_hz[near[0]])
-    least, late = np.linalg.svd(mean.real)[1][-1], np.linalg.norm(mean.imag, 2)
+    gains = np.abs(mean.real).max(axis=1)
+    # over the gains, since axes may have unlike units
+    relative = mean / np.where(gains > 0.0, gains, 1.0)[:, None]
+    least, late = np.linalg.svd(relative.real)[1][-1], np.linalg.norm(relative.imag, 2)
     if not least > late:
         raise ModelError(
-            f"the responses at {at:.4g} Hz are dependent or late: their real part has the smallest "
-            f"singular value {least:.3g}, their imaginary part the largest {late:.3g}; decouple at "
-            "a lower frequency, below the modes"
+            f"the responses at {at:.4g} Hz are dependent or late: over the gains of the axes, "
+            f"their real part has the smallest singular value {least:.3g}, their imaginary part "
+            f"the largest {late:.3g}; decouple at a lower frequency, below the modes"
         )
-    gains = np.abs(mean.real).max(axis=1)
     matrix = np.linalg.inv(mean.real) * gains
     axes: list[list[MeasuredResponse]] = [[] for _ in range(n)]
     for response in responses:
@@ -278,10 +286,12 @@ def tune_axes(responses: Sequence[MeasuredResponse], request: TuneRequest) -> Ax
     peak = max(w.sensitivity_peak for w in together)
     notes = [
         f"all loops together: Nyquist count of det(I + L) and largest singular value of the "
-        f"sensitivity for {len(together)} responses; any gains of the axes may rise or fall by "
-        f"{peak / (peak - 1.0):.3g} and {peak / (peak + 1.0):.3g}, or phases change by "
-        f"{math.degrees(2.0 * math.asin(0.5 / peak)):.3g} deg, at once",
+        f"sensitivity for {len(together)} responses; the gains of the axes may be "
+        f"{peak / (peak + 1.0):.3g} to {peak / (peak - 1.0):.3g} times as large, or phases change "
+        f"by {math.degrees(2.0 * math.asin(0.5 / peak)):.3g} deg, at once",
         "the matrix is constant: cross-talk returns where a mode moves several axes",
+        "a control of one axis holds behind the matrix alone: --json has it, the loop files of "
+        "--out do not, and budget --loop applies them without it",
     ]
     if factor < 1.0:
         notes.append(f"all gains are {factor:.3g} times those of each axis alone")
@@ -328,11 +338,17 @@ def tune_stage(
     """
     if request.frf:
         raise ModelError("tune on the model of a stage or on measured responses: omit one of both")
+    of_files = [n for n in ("input", "output", "response", "resolution", "repeated")
+                if getattr(request, n)]  # fmt: skip
+    if of_files:
+        raise ModelError(
+            f"--{of_files[0]} is for measured responses, and a STAGE has none: omit it"
+        )
+    if request.decouple is not None and request.axis is not None:
+        raise ModelError("--decouple controls all axes: omit --axis")
     delay = 1.0 / request.servo_rate if request.delay is None else request.delay
     request = replace(request, delay=delay)
     if request.decouple is not None:
-        if request.axis is not None:
-            raise ModelError(f"--decouple is of all axes, got --axis '{request.axis}': omit one")
         axes = [one.name for one in stage.axes]
         return tune_axes([stage_response(stage, system, axes, request.servo_rate)], request)
     axis = controlled_axis(stage, request.axis).name

@@ -229,7 +229,7 @@ class TuneRequest(Request):
     """
     goal: Literal["rejection", "noise", "bandwidth"] = "rejection"
     """Least error after small steps of the drive, least rms by its white noise, which damps the
-    resonance most, or largest bandwidth.
+    resonance most, or largest bandwidth, best for iff, which rejects errors of the drive anyway.
     """
     servo_rate: PositiveFrequency = 10e3
     """Rate of the loop, such as "10 kHz"."""
