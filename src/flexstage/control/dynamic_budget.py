@@ -43,6 +43,7 @@ from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.hysteresis import StageModes
 from flexstage.measure.uncertainty.propagate import Influence, Propagated, propagate
+from flexstage.quantities.quantity import display
 from flexstage.stage import Stage
 from flexstage.system.environment import (
     DriveVoltage,
@@ -435,27 +436,32 @@ def error_tree(setup: "_Setup", budget: PointBudget) -> Propagated | None:
     over = f"of {1e6 * travel:.4g} u{port.unit} travel"
     sensor, errors = static.sensor, []
 
-    def add(name: str, half_width: float, source: str) -> None:
-        if half_width:
+    def add(name: str, described: float, factor: float, source: str) -> None:
+        """Add an error that is described, even where the stage makes nothing of it."""
+        if described:
+            width = abs(described * factor)
             errors.append(
-                Influence(
-                    name=name, value=0.0, half_width=abs(half_width), unit=port.unit, source=source
-                )
+                Influence(name=name, value=0.0, half_width=width, unit=port.unit, source=source)
             )
 
     change = f"temperature {static.temperature:g} K"
     if setup.loop is None or axis.name != setup.axis:
         if static.temperature:
             rate, model = _drift_rate(setup, probe)
-            add("thermal drift", rate * static.temperature, f"{change}; {model}")
-        add("creep", static.creep * travel, f"creep {100.0 * static.creep:g} % {over}")
-        add("hysteresis", static.hysteresis * travel, f"{100.0 * static.hysteresis:g} % {over}")
+            add("thermal drift", static.temperature, rate, f"{change}; {model}")
+        add("creep", static.creep, travel, f"creep {100.0 * static.creep:g} % {over}")
+        add("hysteresis", static.hysteresis, travel, f"{100.0 * static.hysteresis:g} % {over}")
     elif sensor is not None:
         scale = f"sensor, nonlinearity {100.0 * sensor.nonlinearity:g} % {over}"
-        add("nonlinearity", sensor.nonlinearity * travel, scale)
+        add("nonlinearity", sensor.nonlinearity, travel, scale)
         if port.unit == "m":
-            mount = sensor.expansion * sensor.length_of_loop * static.temperature
-            add("sensor mount", mount, f"{change}, sensor, expansion and length_of_loop")
+            mount = sensor.expansion * sensor.length_of_loop
+            add(
+                "sensor mount",
+                mount,
+                static.temperature,
+                f"{change}, sensor, expansion and length_of_loop",
+            )
         for name, size in (
             ("calibration", sensor.calibration),
             # of a normal angle
@@ -472,8 +478,10 @@ def error_tree(setup: "_Setup", budget: PointBudget) -> Propagated | None:
                 )  # fmt: skip
     if sensor is not None and port.unit == "m":
         turn = moved.static.body_motion[port.body][2] * share
+        if abs(turn) < display("parasitic_rotation").zero:
+            turn = 0.0
         place = f"abbe_offset {1e3 * sensor.abbe_offset:g} mm, rotation {1e6 * turn:.3g} urad"
-        add("Abbe", 0.5 * sensor.abbe_offset * turn, f"{place} {over}, {setup.system.model} model")
+        add("Abbe", sensor.abbe_offset, 0.5 * turn, f"{place} {over}, {setup.system.model} model")
     rms = Influence(
         name="vibration and noise", value=0.0, uncertainty=budget.total, unit=port.unit,
         source=f"environment '{setup.environment.name}'",
