@@ -17,16 +17,18 @@ NOISE = 0.5
 @pytest.mark.parametrize("many", [3, 60, 240])
 def test_the_fit_is_that_of_the_samples_kept(many: int) -> None:
     rng = np.random.default_rng(4)
-    theta = 0.3 + np.arange(COUNT) * 2.0 * np.pi / PER_TURN
-    y = 1e-3 * np.sin(theta - 0.7) + 2e-5 * np.cos(3.0 * theta) + rng.normal(0.0, 5e-6, COUNT)
+    # from eight turns on an angle weighs as its readings, which those left out are not
+    count = 10 * PER_TURN
+    theta = 0.3 + np.arange(count) * 2.0 * np.pi / PER_TURN
+    y = 1e-3 * np.sin(theta - 0.7) + 2e-5 * np.cos(3.0 * theta) + rng.normal(0.0, 5e-6, count)
     # no two beside each other, nor at the same place of two turns
     wrong = 3 * rng.choice(PER_TURN // 3, many, replace=False)
-    wrong += PER_TURN * rng.integers(0, COUNT // PER_TURN, many)
+    wrong += PER_TURN * rng.integers(0, count // PER_TURN, many)
     y[wrong] += 3e-4
     found = fit_harmonics(theta, y, orders=5)
     outliers = {o.index for o in found.outliers}
     assert outliers >= set(wrong.tolist())
-    kept = np.setdiff1d(np.arange(COUNT), list(outliers))
+    kept = np.setdiff1d(np.arange(count), list(outliers))
     plain = fit_harmonics(theta[kept], y[kept], orders=5, robust=False)
     assert found.samples == kept.size
     assert found.residual_rms == pytest.approx(plain.residual_rms, rel=1e-9)
@@ -34,7 +36,24 @@ def test_the_fit_is_that_of_the_samples_kept(many: int) -> None:
         assert own.cosine.value == pytest.approx(other.cosine.value, abs=1e-14)
         assert own.sine.value == pytest.approx(other.sine.value, abs=1e-14)
     np.testing.assert_allclose(found.residual[kept], plain.residual, atol=1e-14)
-    assert (found.with_all is not None) == (len(outliers) > 0.01 * COUNT)
+    assert (found.with_all is not None) == (len(outliers) > 0.01 * count)
+
+
+def test_below_eight_turns_it_is_nearly_that_of_the_samples_kept() -> None:
+    # an angle weighs as one that is read in each turn, or as its readings that are kept
+    rng = np.random.default_rng(4)
+    theta = 0.3 + np.arange(COUNT) * 2.0 * np.pi / PER_TURN
+    y = 1e-3 * np.sin(theta - 0.7) + rng.normal(0.0, 5e-6, COUNT)
+    y[[5, 800, 2400]] += 3e-4
+    found = fit_harmonics(theta, y, orders=1)
+    assert [o.index for o in found.outliers] == [5, 800, 2400]
+    kept = np.delete(np.arange(COUNT), [5, 800, 2400])
+    plain = fit_harmonics(theta[kept], y[kept], orders=1, robust=False)
+    for own, other in zip(found.harmonics, plain.harmonics, strict=True):
+        assert own.cosine.value == pytest.approx(
+            other.cosine.value, abs=0.1 * own.cosine.uncertainty
+        )
+        assert own.sine.value == pytest.approx(other.sine.value, abs=0.1 * own.sine.uncertainty)
 
 
 def test_intervals_cover_both_fits_where_many_are_set_aside() -> None:

@@ -29,7 +29,7 @@ from flexstage.studies.explore.requests import ReconstructRequest
 from flexstage.studies.explore.variables import variables_of
 from flexstage.studies.explore.workers import Workers
 from tests.hidden_dimensions import case_of_design, cases
-from tests.tiers import sizes
+from tests.tiers import limits, sizes
 
 #: Standard deviation of the logarithm of a dimension of 20 %.
 SIGMA = 0.5 * math.log(1.2 / 0.8)
@@ -423,12 +423,14 @@ def test_hidden_stages_of_every_design_are_near_what_is_found(count, model):
     found_again = [case_of_design(k, seed=1, model=model) for k in range(count)]
     figures = [held for case in found_again for held in case.figures_held().values()]
     dimensions = [held for case in found_again for held in case.dimensions_held().values()]
-    assert np.mean(figures) > 0.9
-    assert np.mean(dimensions) > 0.8
-    assert np.mean([case.inside for case in found_again]) > 0.75
-    assert sum(case.inside for case in found_again) >= binom.ppf(0.00135, count, 0.95)
+    # figures and dimensions of one stage are not independent of each other
+    least = 0.93 if model == "superelement" else 0.9
+    assert np.mean(figures) > least
+    assert np.mean(dimensions) > least - 0.02
+    low, high = limits(count, 0.93, 0.975, full=200)
+    assert max(low, 0.75) <= np.mean([case.inside for case in found_again]) <= high
     # no stage is more probable than the most probable one, but for what is settled of it
-    assert min(case.distance for case in found_again) > -2.0
+    assert np.mean([case.distance < -2.0 for case in found_again]) <= 0.02
     # the most probable stage explains what is given, so that distances are those of five dimensions
     low, high = chi2.ppf([0.00135, 0.99865], 5 * count)
     assert low < sum(case.distance for case in found_again) < high
