@@ -139,21 +139,34 @@ class Look:
         if not re.match(r"(https?|wss?)://127\.0\.0\.1:|data:|blob:", request.url):
             self.complaints.append(f"asked for {request.url}")
 
+    def _evaluated(self, script: str, *arguments: Any) -> Any:
+        """Evaluate in the page, again where it loaded itself anew after a lost connection."""
+        from playwright.sync_api import Error
+
+        for _ in range(3):
+            try:
+                return self.page.evaluate(script, *arguments)
+            except Error as error:
+                if "Execution context was destroyed" not in error.message:
+                    raise
+                self.page.wait_for_load_state()
+        return self.page.evaluate(script, *arguments)
+
     def overflow(self) -> int:
         """Return by how many pixels the page is wider than its window."""
-        return self.page.evaluate(
+        return self._evaluated(
             "document.documentElement.scrollWidth - document.documentElement.clientWidth"
         )
 
     def shot(self, name: str) -> None:
         """Keep a picture of the whole page among the outputs of the tests."""
         OUT.mkdir(parents=True, exist_ok=True)
-        self.page.evaluate("scrollTo(0, 0)")  # the bar stands where it is scrolled to
+        self._evaluated("scrollTo(0, 0)")  # the bar stands where it is scrolled to
         self.page.screenshot(path=OUT / f"{name}.png", full_page=True)
 
     def unlabelled_axes(self) -> int:
         """Return how many axes of charts have no title; of a chart without axes, one."""
-        return self.page.evaluate(_UNLABELLED)
+        return self._evaluated(_UNLABELLED)
 
     def grave_faults(self) -> list[str]:
         """Return serious faults of accessibility by axe-core."""
@@ -165,14 +178,15 @@ class Look:
             ".every(e => getComputedStyle(e).opacity === '1')"
         )
         script = Path(base.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
-        self.page.evaluate(f"() => {{ {script} }}")
         # it takes the shade behind a dialog for the ground of what is placed inside
         dialog = self.page.locator(".q-dialog").count() > 0
         options = {
             "resultTypes": ["violations"],
             "rules": {"color-contrast": {"enabled": not dialog}},
         }
-        found = self.page.evaluate("options => axe.run(document, options)", options)
+        found = self._evaluated(
+            f"options => {{ {script}; return axe.run(document, options); }}", options
+        )
         return [
             f"{fault['id']}: {node['failureSummary']}: {node['html'][:200]}"
             for fault in found["violations"]

@@ -22,7 +22,7 @@ from flexstage.web.page import pages_of
 from flexstage.web.sessions import Access, History, Preferences
 from flexstage.web.uploads import plain_name, require_ending
 from flexstage.web.views import VIEWS
-from tests.panel import simulated
+from tests.panel import simulated, until
 from tests.panel_work import counted, ended_from_outside, refused
 
 
@@ -121,6 +121,14 @@ def test_a_job_that_fails_says_why_in_a_sentence(jobs: Jobs) -> None:
     assert lost.wait(20.0)
     assert lost.state == "failed"
     assert "its process was killed" in lost.error
+
+
+def test_a_job_that_reports_without_a_pause_is_cancelled(jobs: Jobs) -> None:
+    job = jobs.start("without end", counted, 10**9)
+    until(lambda: job.share > 0.0)
+    job.cancel()
+    assert job.wait(300.0)
+    assert job.state == "cancelled"
 
 
 def test_work_in_a_thread_is_cancelled_where_it_says_how_far_it_is(jobs: Jobs) -> None:

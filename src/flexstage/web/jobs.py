@@ -182,10 +182,12 @@ class Jobs:
                 job._update(*payload) if kind == "progress" else job.partial_results.append(
                     payload[0]
                 )
-                while not worker.connection.poll(0.1):
-                    if job._cancel.is_set():
-                        job._end("cancelled")
-                        return
+                # one that reports without a pause is cancelled, too
+                while not (job._cancel.is_set() or worker.connection.poll(0.1)):
+                    pass
+                if job._cancel.is_set():
+                    job._end("cancelled")
+                    return
                 kind, *payload = worker.connection.recv()
             reusable = True
             if kind == "done":
