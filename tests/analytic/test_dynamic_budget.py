@@ -687,7 +687,7 @@ def test_static_errors_and_rms_are_one_tree_of_errors() -> None:
         assert sum(line.share for line in tree.lines) == pytest.approx(1.0)
         assert all(line.source for line in tree.lines)
     plain = result.to_dict()["totals"][1]["tree"]
-    assert plain["uncertainty"] == pytest.approx(result.budget().tree.uncertainty)  # type: ignore[union-attr]
+    assert plain["uncertainty"] == pytest.approx(result.budget().tree.uncertainty)
     bars = result.plot().axes[2]
     assert sorted(t.get_text() for t in bars.get_yticklabels()) == sorted(found)
     study: Any = SimpleNamespace(budget=result, request=None)

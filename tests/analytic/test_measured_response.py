@@ -21,10 +21,11 @@ from flexstage.control import Requirements
 from flexstage.control.design import tune_plant
 from flexstage.control.loop_plant import LoopPlant
 from flexstage.control.measured_response import ResponseDesign, tune_response
+from flexstage.export.source.render import servo_source
 from flexstage.hysteresis import StageModes
 from flexstage.measure.requests import TuneRequest
 from flexstage.measure.spectra.response import MeasuredResponse
-from flexstage.system.environment import read_loop
+from flexstage.system.environment import PositionLoop, read_loop
 from flexstage.system.servo import Filter, Lead, Notch, ServoSettings
 from tests.c_compiler import load_library
 from tests.shared_data import DATA, needs
@@ -285,8 +286,9 @@ def test_the_control_in_c_and_for_python_control_is_the_same(tmp_path: Path) -> 
     f = np.array([1.0, 910.0, 3000.0])
     given = function(np.exp(2j * np.pi * f / rate))
     assert given == pytest.approx(settings.response(f, rate), rel=1e-9)
+    loop = PositionLoop(name="filtered", settings=settings, sample_rate=rate)
     library = load_library(tmp_path, "#include \"control.h\"\n", files={
-        "control.h": settings.c_code(rate).encode()})  # fmt: skip
+        "control.h": servo_source(loop).encode()})  # fmt: skip
     library.control.restype = ctypes.c_double
     state = (ctypes.c_double * (2 * len(settings.sections(rate)) + 1))()
     doubles = [ctypes.c_void_p, *3 * [ctypes.c_double]]
@@ -297,3 +299,13 @@ def test_the_control_in_c_and_for_python_control_is_the_same(tmp_path: Path) -> 
     before = state[-1]
     assert library.control(ctypes.addressof(state), 1.0, -1.0, 2.0) == 2.0
     assert state[-1] == before
+
+
+def test_a_control_that_c_cannot_hold_leaves_no_file(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["tune", "vgtu-piezo", "--control", "ppf", "--out", "loop.c", "--figure", "loop.svg"]
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--quiet"])
+    assert ended.value.code == 2
+    assert "has an inner loop, which the code in C lacks" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

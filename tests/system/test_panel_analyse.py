@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+import itertools
 import json
 import zipfile
 from collections import Counter
@@ -291,9 +292,9 @@ def test_noise_is_that_of_the_command(
     named = FLOOR.replace("{kind: vc, curve: C, slope_above: -5}", read)
     with pytest.raises(ModelError, match=r"no file is read here, got .*: give its densities as"):
         noise_of_variant(variant, named, "", "lumped", tmp_path)
-    for scheme in ("twin", "TWIN"):
-        with pytest.raises(ModelError, match="reads no environment that an address names"):
-            real_time_address(f"{scheme}://vgtu-piezo?environment={tmp_path}/secret.csv")
+    for scheme, option in itertools.product(("twin", "TWIN"), ("environment", "table")):
+        with pytest.raises(ModelError, match=f"reads no {option} that an address names"):
+            real_time_address(f"{scheme}://vgtu-piezo?{option}={tmp_path}/secret.csv")
 
 
 def test_noise_is_computed_in_the_page(tmp_path: Path) -> None:

@@ -66,15 +66,15 @@ def tune(
             if stage is None
             else stage_tuning(options.stage(stage), request)
         )
-    files = write_picture(figure, design.plot)
     axes = {"": design} if isinstance(design, ResponseDesign) else design.by_axis
-    if out is not None:
-        written = []
-        for name, axis in axes.items():
-            written.append(out.with_name(f"{out.stem}-{name}{out.suffix}") if name else out)
-            text = axis.c_code() if out.suffix == ".c" else axis.loop_file()
-            write_file(written[-1], text.encode())
-        files = [*written, *files]
+    texts = {} if out is None else {
+        out.with_name(f"{out.stem}-{name}{out.suffix}") if name else out: _text(axis, out.suffix)
+        for name, axis in axes.items()
+    }  # fmt: skip
+    files = write_picture(figure, design.plot)
+    for path, text in texts.items():
+        write_file(path, text.encode())
+    files = [*texts, *files]
     if json:
         print_result(design.to_dict(), files)
         return
@@ -83,6 +83,14 @@ def tune(
     if not isinstance(design, ResponseDesign):
         _print_axes(design)
     print_notes(console(), design.notes, files)
+
+
+def _text(design: "ResponseDesign", suffix: str) -> str:
+    if suffix != ".c":
+        return design.loop_file()
+    from flexstage.export.source.render import servo_source
+
+    return servo_source(design.loop)
 
 
 def _print(design: "ResponseDesign", of: str) -> None:

@@ -462,13 +462,12 @@ def error_tree(setup: "_Setup", budget: PointBudget) -> Propagated | None:
                 static.temperature,
                 f"{change}, sensor, expansion and length_of_loop",
             )
-        for name, size in (
-            ("calibration", sensor.calibration),
+        for name, key, size in (
+            ("calibration", "calibration", sensor.calibration),
             # of a normal angle
-            ("cosine", -math.expm1(-(sensor.alignment**2)) / math.sqrt(2.0)),
+            ("cosine", "alignment", -math.expm1(-(sensor.alignment**2)) / math.sqrt(2.0)),
         ):
             if size:
-                key = "calibration" if name == "calibration" else "alignment"
                 source = f"sensor, {key} {getattr(sensor, key):g} {over}"
                 errors.append(
                     Influence(

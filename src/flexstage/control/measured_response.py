@@ -70,13 +70,13 @@ class _Grid:
     """Static gain of a position feedback."""
     force: tuple[float, ...] = (0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0)
     """Gain of a force feedback, over that of the largest damping without delay."""
-    step: float = 0.93
-    """Ratio of one gain to the last in the search around an inner loop, ..."""
     least: float = 0.1
-    """... which ends at this share of the first."""
+    """End of the search of a gain around an inner loop, over its first one."""
 
 
 _GRID = _Grid()
+#: Ratio of one gain to the last where a search reduces them.
+GAIN_STEP = 0.93
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,15 +134,6 @@ class ResponseDesign(Result):
         request = self.request
         delay = request.delay if isinstance(request, TuneRequest) else self.loop.delay
         return Encoder(LOOP_FILE).text(replace(self.loop, delay=delay))
-
-    def c_code(self) -> str:
-        """Return the control as a function in C."""
-        if self.loop.damping is not None:
-            raise ModelError(
-                f"the control '{self.loop.name}' has an inner loop, which the code in C lacks: "
-                "write it as .yaml"
-            )
-        return self.loop.settings.c_code(self.loop.sample_rate)
 
     def data(self) -> dict[str, Any]:
         loop, rate, inner = self.loop, self.loop.sample_rate, self.loop.damping
@@ -365,7 +356,7 @@ def _largest_outer_gain(
         parts.append((member.frequency_hz, rest - 1.0, outer, inner))
     if not math.isfinite(bound):
         return 0.0  # what no sensitivity limits has no largest gain
-    gain = _GRID.step * bound
+    gain = GAIN_STEP * bound
     while gain > _GRID.least * bound:
         for k, (f, inner_loop, outer, inner) in enumerate(parts):
             if not _holds(f, inner_loop + gain * outer, inner, unit.lag, request):
@@ -374,7 +365,7 @@ def _largest_outer_gain(
                 break
         else:
             return gain
-        gain *= _GRID.step
+        gain *= GAIN_STEP
     return 0.0
 
 

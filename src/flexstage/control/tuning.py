@@ -11,7 +11,7 @@ import numpy as np
 from flexstage.base.arrays import Array, Complex, Integers
 from flexstage.base.errors import ModelError
 from flexstage.control.loop_plant import controlled_axis, is_stable
-from flexstage.control.measured_response import ResponseDesign, tune_response
+from flexstage.control.measured_response import GAIN_STEP, ResponseDesign, tune_response
 from flexstage.control.response_set import dense_response, shifts_of, stage_response
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
@@ -22,9 +22,6 @@ from flexstage.records.read_options import ReadOptions
 from flexstage.stage import Stage
 from flexstage.system.environment import PositionLoop
 from flexstage.system.mechanical import MechanicalSystem
-
-#: Ratio of one gain of all axes to the last, while they are too coupled.
-_STEP = 0.93
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -276,8 +273,8 @@ def tune_axes(responses: Sequence[MeasuredResponse], request: TuneRequest) -> Ax
         together = whole_margins(responses, decoupling, [axis.loop for axis in axes], request)
         if all(w.stable and w.sensitivity_peak <= request.modulus for w in together):
             break
-        factor *= _STEP
-        if factor < _STEP**40:
+        factor *= GAIN_STEP
+        if factor < GAIN_STEP**40:
             raise ModelError(
                 "the axes remain coupled: no gain keeps the largest singular value of the "
                 f"sensitivity below {request.modulus:g}; decouple at another frequency, or reduce "

@@ -192,56 +192,6 @@ class ServoSettings:
             below = np.convolve(below, [1.0, *section[3:]])
         return above.tolist(), below.tolist()
 
-    def c_code(self, sample_rate_hz: float) -> str:
-        """Return the control as a function in C99, to be called at each sample."""
-        sections = self.sections(sample_rate_hz).tolist() or [[1.0, 0.0, 0.0, 0.0, 0.0]]
-        rows = ",\n        ".join(f"{{{', '.join(map(repr, row))}}}" for row in sections)
-        return _C_CODE.format(
-            rate=sample_rate_hz,
-            count=len(sections),
-            rows=rows,
-            proportional=self.proportional,
-            step=self.integral / sample_rate_hz,
-        )
-
-
-#: The control in C; its integral rests while the voltage is at a limit.
-_C_CODE = """\
-/* Position control at {rate!r} Hz, written by flexstage. Start with a state of zeros. */
-typedef struct {{
-    double filter[{count}][2];
-    double integral;
-}} control_state;
-
-/* Return the voltage between low and high for an error, reference less reading. */
-double control(control_state *state, double error, double low, double high)
-{{
-    /* b0, b1, b2, a1, a2 */
-    static const double section[{count}][5] = {{
-        {rows}
-    }};
-    double integral, voltage;
-    int k;
-
-    for (k = 0; k < {count}; k++) {{
-        const double *c = section[k];
-        double *x = state->filter[k];
-        const double y = c[0] * error + x[0];
-        x[0] = c[1] * error - c[3] * y + x[1];
-        x[1] = c[2] * error - c[4] * y;
-        error = y;
-    }}
-    integral = state->integral + {step!r} * error;
-    voltage = {proportional!r} * error + integral;
-    if (voltage > high)
-        return high;
-    if (voltage < low)
-        return low;
-    state->integral = integral;
-    return voltage;
-}}
-"""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InnerLoop:

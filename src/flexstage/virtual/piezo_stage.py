@@ -143,10 +143,12 @@ class PiezoStage(VirtualStage):
         #: The axes, and the dynamic model at the loop rate.
         self.parts, self.model = tuple(axes), replace(model, step=1.0 / self.sample_rate_hz)
         drives = [model.drive(part.drive) for part in self.parts]
-        self._sources = () if conditions.environment is None else conditions.environment.sources
-        self._require_drives()
-        self._moved = [k for k, s in enumerate(self._sources) if isinstance(s, _FORCES)]
-        self._modes = _mode_arrays(self.model, self.parts, [self._sources[k] for k in self._moved])
+        self._shaken_by = () if conditions.environment is None else conditions.environment.sources
+        self._require_sources()
+        self._moved = [k for k, s in enumerate(self._shaken_by) if isinstance(s, _FORCES)]
+        self._modes = _mode_arrays(
+            self.model, self.parts, [self._shaken_by[k] for k in self._moved]
+        )
         self._stacks = stack_arrays(
             [stack_of(d) for d in drives], self.sample_rate_hz, creep=[d.creep for d in drives],
             charge=charge,
@@ -228,7 +230,7 @@ class PiezoStage(VirtualStage):
         hum = np.zeros((len(self.parts), count))
         if self._shaking is None:
             return hum, np.zeros((0, count))
-        for k, source in enumerate(self._sources):
+        for k, source in enumerate(self._shaken_by):
             for a, part in enumerate(self.parts):
                 # every sensor has its own noise
                 if isinstance(source, SensorNoise):
@@ -238,8 +240,8 @@ class PiezoStage(VirtualStage):
         rows = [self._shaking.take(k, self._count, count) for k in self._moved]
         return hum, np.array(rows).reshape(-1, count)
 
-    def _require_drives(self) -> None:
-        for source in self._sources:
+    def _require_sources(self) -> None:
+        for source in self._shaken_by:
             drives = [part.drive for part in self.parts]
             if isinstance(source, DriveVoltage) and source.drive not in drives:
                 raise ModelError(has_no("the twin", "drive", source.drive, drives))

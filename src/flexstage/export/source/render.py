@@ -13,6 +13,7 @@ from flexstage.hysteresis import Sensor
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis.models.registry import hysteresis_code
 from flexstage.hysteresis.models.source_code import HysteresisCode, source_file
+from flexstage.system.environment import PositionLoop
 
 # All headers, each after those that it includes.
 _CORE = ("real.h", "piece.h", "amplifier.h", "sensor.h")
@@ -318,3 +319,65 @@ def _sensor_parameters(i: int, p: ModelProbe, sensor: Sensor) -> list[CVariable]
     rows = [(n, unit, start, what, n, n == "bandwidth_hz") for n, unit, start, what in numbers]
     of = f"the sensor of probe {p.name}"
     return _parameters(f"sensor.{p.name}", of, f"s->sensor[{i}]", rows)
+
+
+#: A position control; its integral rests while the voltage is at a limit.
+_SERVO = """\
+/* Position control at {rate!r} Hz, written by flexstage. Start with a state of zeros. */
+typedef struct {{
+    double filter[{count}][2];
+    double integral;
+}} control_state;
+
+/* Return the voltage between low and high for an error, reference less reading. */
+double control(control_state *state, double error, double low, double high)
+{{
+    /* b0, b1, b2, a1, a2 */
+    static const double section[{count}][5] = {{
+        {rows}
+    }};
+    double integral, voltage;
+    int k;
+
+    for (k = 0; k < {count}; k++) {{
+        const double *c = section[k];
+        double *x = state->filter[k];
+        const double y = c[0] * error + x[0];
+        x[0] = c[1] * error - c[3] * y + x[1];
+        x[1] = c[2] * error - c[4] * y;
+        error = y;
+    }}
+    integral = state->integral + {step!r} * error;
+    voltage = {proportional!r} * error + integral;
+    if (voltage > high)
+        return high;
+    if (voltage < low)
+        return low;
+    state->integral = integral;
+    return voltage;
+}}
+"""
+
+
+def servo_source(loop: PositionLoop) -> str:
+    """Return a position control as a function in C99, to be called at each sample.
+
+    Raises
+    ------
+    ModelError
+        The control has an inner loop.
+    """
+    if loop.damping is not None:
+        raise ModelError(
+            f"the control '{loop.name}' has an inner loop, which the code in C lacks: write it as "
+            ".yaml"
+        )
+    settings, rate = loop.settings, loop.sample_rate
+    sections = settings.sections(rate).tolist() or [[1.0, 0.0, 0.0, 0.0, 0.0]]
+    return _SERVO.format(
+        rate=rate,
+        count=len(sections),
+        rows=",\n        ".join(f"{{{', '.join(map(repr, row))}}}" for row in sections),
+        proportional=settings.proportional,
+        step=settings.integral / rate,
+    )

@@ -234,18 +234,25 @@ class _Fit:
             return best
         # limits of the geometry may stop the search on the way
         generator, starts = np.random.default_rng(0), 0
+        root = self._root(best[0])
         for draw in generator.standard_normal((_EFFORT.draws, self.size)):
-            covariance = Posterior.of(self.jacobian(best[0])).covariance
-            z = best[1] + np.linalg.cholesky(covariance) @ draw
+            z = best[1] + root @ draw
             if not self.stages.exists(z):
                 continue
             other = self._from(z)
             if self._explained(other[0]):
                 return other
-            best, starts = min(best, other, key=lambda pair: self._cost(pair[0])), starts + 1
+            if self._cost(other[0]) < self._cost(best[0]):
+                best, root = other, self._root(other[0])
+            starts += 1
             if starts == _EFFORT.starts:
                 break
         return best
+
+    def _root(self, x: Array) -> Array:
+        """Return a root of the covariance by the linear model at x."""
+        covariance = Posterior.of(self.jacobian(x)).covariance
+        return np.asarray(np.linalg.cholesky(covariance), dtype=float)
 
     def _from(self, start: Array) -> tuple[Array, Array]:
         self._refused = 0

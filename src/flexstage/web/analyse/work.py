@@ -25,6 +25,7 @@ from flexstage.studies.models import run_models
 from flexstage.studies.requests import AnalyseRequest, BudgetRequest, ModelOptions
 from flexstage.system import Analysis, DriveCondition, FrequencyResponse
 from flexstage.system.environment import crossover_of, environment_from_text
+from flexstage.system.requests import ModelName
 from flexstage.system.response import default_frequencies_hz, response_of_modes
 from flexstage.web.design.state import Variant
 from flexstage.web.jobs import BackgroundJob
@@ -110,7 +111,7 @@ class NoiseResult:
 
 
 def noise_of_variant(
-    variant: Variant, description: str, loops: str, model: str, folder: Path
+    variant: Variant, description: str, loops: str, model: ModelName, folder: Path
 ) -> NoiseResult:
     """Compute the budget of a variant from the text of an environment, kept in a folder.
 
@@ -125,7 +126,7 @@ def noise_of_variant(
     environment_from_text(description, folder=None)
     path = folder / "environment.yaml"
     write_whole(path, description.encode())
-    request = BudgetRequest(environment=path, loop=named, model=model)  # type: ignore[arg-type]
+    request = BudgetRequest(environment=path, loop=named, model=model)
     result = stage_budget(variant.stage(), request)
     displayed = []
     for point in dict.fromkeys(b.point for b in result.budgets):

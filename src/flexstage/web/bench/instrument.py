@@ -62,11 +62,11 @@ def real_time_address(address: str) -> str:
     address = address.strip()
     parts = urlsplit(address)
     options = parse_qs(parts.query, keep_blank_values=True)
-    # the messages of its reader quote a file
-    if parts.scheme == "twin" and "environment" in options:
+    # the messages of its readers quote a file
+    if parts.scheme == "twin" and (named := {"environment", "table"} & options.keys()):
         raise ModelError(
-            "the panel reads no environment that an address names: run flexstage twin "
-            "--environment, and give its address"
+            f"the panel reads no {min(named)} that an address names: run flexstage twin "
+            f"--{min(named)}, and give its address"
         )
     if parts.scheme != "twin" or "fast" in options:
         return address
