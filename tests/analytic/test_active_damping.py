@@ -18,7 +18,8 @@ from scipy.linalg import solve_continuous_lyapunov
 from flexstage.base.errors import ModelError
 from flexstage.control.design import force_feedback, position_filter, robust_filters
 from flexstage.control.loop_plant import LoopPlant, margins_of
-from flexstage.control.measured_response import ResponseDesign, tune_response
+from flexstage.control.measured_response import ResponseDesign, coprime_margin, tune_response
+from flexstage.control.response_set import Member
 from flexstage.control.tuning import tune_stage
 from flexstage.lumped import lumped_system
 from flexstage.measure.requests import TuneRequest
@@ -177,6 +178,11 @@ def test_the_crossover_is_that_of_the_reading_and_not_of_the_force() -> None:
     margins = margins_of(f, fast / s * integral / s * position + inner, math.pi, inner)
     crossover = integral * position / force / (2.0 * math.pi)
     assert margins.crossover_hz == pytest.approx(crossover, rel=1e-4)
+    # an error of the voltage is divided by 1 + L, one of the reading by that over 1 + inner
+    for inner, peak in ((1.0, 2.0 / 1.2), (-0.5, 1.0 / 1.2)):
+        level = np.full(f.size, 0.2 + 0j)
+        margins = margins_of(f, level, inner=np.full(f.size, inner + 0j))
+        assert margins.sensitivity_peak == pytest.approx(peak, rel=1e-12)
 
 
 def tuned(kind: str) -> ResponseDesign:
@@ -305,14 +311,13 @@ def test_filters_by_h_infinity_allow_what_the_closed_form_says(crossover: float,
     settings = ServoSettings(integral=2.0 * math.pi * crossover / gain)
     filters = robust_filters(plant, settings, 1e-4)
     f = np.linspace(1.0, 0.5 * rate, 4001)
-    response = plant.response(f)
-    weight = response * settings.response(f, rate)
-    opened = response * replace(settings, filters=filters).response(f, rate)
-    sizes = (1.0 + np.abs(weight) ** 2) * (1.0 + np.abs(opened / weight) ** 2)
+    shaped = PositionLoop(
+        name="shaped", settings=replace(settings, filters=filters), sample_rate=rate, delay=0.0
+    )
     k = math.pi * crossover / rate
     p = k / math.hypot(1.0, k)
     largest = math.sqrt(0.5 * (1.0 - p if late else 1.0 + p))
-    allowed = float((np.abs(1.0 + opened) / np.sqrt(sizes)).min())
+    allowed = coprime_margin(shaped, Member(name="", frequency_hz=f, response=plant.response(f)))
     assert allowed == pytest.approx(largest, rel=1e-4)
 
 

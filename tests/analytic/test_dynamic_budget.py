@@ -699,6 +699,11 @@ def test_static_errors_and_rms_are_one_tree_of_errors() -> None:
     with pytest.raises(ModelError, match="has no thermal expansion: choose --model superelement"):
         budget_of(mean, made)
     assert budget_of(mean, environment_from_text(ENVIRONMENT)).budget().tree is None
+    # the stage as it is turns by roundings alone
+    without = environment_from_text(ENVIRONMENT + STATIC.replace("  temperature: 0.5 K\n", ""))
+    tree = budget_of(lumped_system(PIEZO), without).budget("open").tree
+    assert tree is not None
+    assert {line.name: line.uncertainty for line in tree.lines}["Abbe"] == 0.0
 
 
 def test_control_of_an_axis_leaves_the_static_errors_of_another() -> None:
