@@ -40,7 +40,6 @@ from flexstage.studies.explore.ensemble import (
 from flexstage.studies.explore.family import Family, evaluate, jacobian
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.optimise.problem import Correction
-from flexstage.studies.explore.sweep import evaluate_batch
 from flexstage.studies.explore.variables import Variable
 from flexstage.studies.explore.workers import Workers
 from flexstage.studies.models import analyse_model
@@ -371,11 +370,12 @@ def reconstruct(
     with progress.subtask(0.0, 0.1):
         fit, best, centre = _nearest(stages, observations, model)
     with progress.subtask(0.1, 0.4):
-        values, slopes = _slopes(stages, best, figures, model, workers)
+        values, slopes, moved = _slopes(stages, best, figures, model, workers)
     logarithmic = np.array([f.display.zero == 0.0 for f in figures]) & (values > 0.0)
     rows = rows_of(slopes, values, logarithmic)
     whitened = rows_of(slopes[at], values[at], fit.logarithmic) / fit.spread[:, None]
     posterior = Posterior.of(whitened)
+    of_meshes = scaled(values, logarithmic) - scaled(moved, logarithmic)
     feasible = best
     if model != "lumped":
         fit.correction = _exact(best, *fit.coarse_slopes(best), values[at], slopes[at])
@@ -410,7 +410,9 @@ def reconstruct(
     began = time.monotonic()
     with progress.subtask(0.4, 1.0):
         sampler = _Sampler(fit, whitened, posterior, centre, np.random.default_rng(seed))
-        z, values, stopped = _members(sampler, ensemble, stages.near(best), at, seconds, workers)
+        z, values, stopped = _members(
+            sampler, ensemble, stages.near(best), of_meshes, at, seconds, workers
+        )
     return replace(
         ensemble,
         points=stages.points(z),
@@ -454,43 +456,56 @@ def _nearest(
 
 def _slopes(
     stages: _Stages, z: Array, figures: tuple[Figure, ...], model: str, workers: Workers
-) -> tuple[Array, Array]:
-    """Return figures (f,) and their derivatives by the coordinates (f, p).
+) -> tuple[Array, Array, Array]:
+    """Return figures (f,), their derivatives by the coordinates (f, p), and those on moved meshes.
 
-    Those of superelements are one-sided difference quotients, towards the side that has a stage,
-    on meshes that move with the bodies.
+    Derivatives of superelements are one-sided difference quotients, towards the side that has a
+    stage, on meshes that move with the bodies.
     """
     if model == "lumped":
         values, slopes = jacobian(stages.family, stages.points(z), figures, model)
-        return values, slopes * stages.rates(z)
+        return values, slopes * stages.rates(z), values
     values = stages.near(z).figures(z[None], figures, model)[0]
     if not np.isfinite(values).all():
         raise ModelError("the most probable stage has no superelement model: change the prior")
     steps = np.array([_step(stages, z, j) for j in range(z.size)])
-    around = stages.points(np.vstack([z, z + np.diag(steps)]))
-    job = Job(
-        name="derivatives",
-        work=_on_moved_meshes,
-        payload=(stages.near(z).family, around, figures, model),
-        count=len(around),
-        batch=1,
-    )
-    base, *others = workers.run(job)["values"]
+    around = np.vstack([z, z + np.diag(steps)])
+    base, *others = _on_moved_meshes(stages.near(z), around, figures, model, workers, "derivatives")
     slopes = np.divide(
         np.array(others) - base,
         steps[:, None],
         out=np.zeros((z.size, len(figures))),
         where=steps[:, None] != 0.0,
     )
-    return values, np.nan_to_num(slopes).T
+    return values, np.nan_to_num(slopes).T, base
 
 
 def _on_moved_meshes(
+    stages: _Stages,
+    z: Array,
+    figures: tuple[Figure, ...],
+    model: str,
+    workers: Workers,
+    name: str,
+) -> Array:
+    """Return figures at coordinates (S, p) on the meshes of the described stage, moved, (S, f)."""
+    job = Job(
+        name=name,
+        work=_evaluate,
+        payload=(stages.family, stages.points(z), figures, model),
+        count=len(z),
+        batch=1 if model != "lumped" else len(z),
+    )
+    return workers.run(job)["values"]
+
+
+def _evaluate(
     payload: tuple[Family, Array, tuple[Figure, ...], str], start: int, stop: int
 ) -> dict[str, Array]:
-    """Evaluate a batch of points on the meshes of the described stage, moved."""
+    """Evaluate a batch of points."""
     family, points, figures, model = payload
-    return {"values": evaluate(family, points[start:stop], figures, model, moved=True).values}
+    moved = model != "lumped"
+    return {"values": evaluate(family, points[start:stop], figures, model, moved=moved).values}
 
 
 def _step(stages: _Stages, z: Array, j: int) -> float:
@@ -501,25 +516,6 @@ def _step(stages: _Stages, z: Array, j: int) -> float:
             if stages.exists(z + step * np.eye(z.size)[j]):
                 return step
     return 0.0
-
-
-def _evaluated(
-    stages: _Stages,
-    z: Array,
-    figures: tuple[Figure, ...],
-    model: str,
-    workers: Workers,
-    name: str,
-) -> Array:
-    """Return figures at coordinates (S, p) by worker processes, shape (S, f)."""
-    job = Job(
-        name=name,
-        work=evaluate_batch,
-        payload=(stages.family, stages.points(z), figures, model),
-        count=len(z),
-        batch=1 if model != "lumped" else len(z),
-    )
-    return workers.run(job)["values"]
 
 
 def _exact(z: Array, coarse: Array, slopes: Array, fine: Array, fine_slopes: Array) -> Correction:
@@ -629,11 +625,16 @@ def _members(
     sampler: _Sampler,
     ensemble: Ensemble,
     stages: _Stages,
+    of_meshes: Array,
     at: Sequence[int],
     seconds: float,
     workers: Workers,
 ) -> tuple[Array, Array, Stop]:
-    """Return coordinates and figures of members, by the finer model, and what ended them early."""
+    """Return coordinates and figures of members, by the finer model, and what ended them early.
+
+    Superelements are on moved meshes; what these differ by for the most probable stage,
+    `of_meshes`, is added to figures or their logarithms.
+    """
     began, computations, count = time.monotonic(), 0, ensemble.requested
     members = np.zeros((0, sampler.fit.size))
     values = np.zeros((0, len(ensemble.figures)))
@@ -654,11 +655,13 @@ def _members(
                 computations += len(draws.z)
                 z, figures = (
                     draws.z,
-                    _evaluated(
+                    _on_moved_meshes(
                         stages, draws.z, ensemble.figures, ensemble.model, workers, "members"
                     ),
                 )
             if ensemble.model != "lumped":
+                scale = ensemble.logarithmic
+                figures = unscaled(scaled(figures, scale) + of_meshes, scale)
                 z, figures = sampler.corrected(draws, figures, ensemble, at)
         except KeyboardInterrupt:
             stopped = "interrupted"
