@@ -9,6 +9,7 @@ ones by the lumped model: 93 to 97 % required, *simulated*
 
 import itertools
 import math
+import sys
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -24,7 +25,7 @@ from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore import Ensemble, Figure, Observation, dimension_of, reconstruct
 from flexstage.studies.explore.ensemble import MODEL_ERROR, _ranges, model_error
 from flexstage.studies.explore.prepare import ready_reconstruct
-from flexstage.studies.explore.reconstruct import _Fit, _Sampler, _Stages
+from flexstage.studies.explore.reconstruct import _Fit, _Sampler, _slopes, _Stages
 from flexstage.studies.explore.requests import ReconstructRequest
 from flexstage.studies.explore.variables import variables_of
 from flexstage.studies.explore.workers import Workers
@@ -453,6 +454,36 @@ def test_hidden_stages_of_every_design_are_near_what_is_found(count, model):
     assert low < sum(case.distance for case in found_again) < high
     # 1.11 of the eleven by the lumped model; ranges twice too wide give a quarter of it
     assert np.mean([case.squares for case in found_again]) > 0.5
+
+
+def _by_a_mesher_that_refuses(monkeypatch, refuses):
+    """Figures 2 z of a stage of one dimension, by a mesher that refuses some of them."""
+    stages = SimpleNamespace(
+        near=lambda z: stages,
+        figures=lambda z, figures, model: 2.0 * z,
+        exists=lambda z: True,
+        dimensions=[SimpleNamespace(name="width")],
+    )
+
+    def computed(stages, z, *rest):
+        return np.where(refuses(z), np.nan, 2.1 * z)
+
+    module = sys.modules["flexstage.studies.explore.reconstruct"]
+    monkeypatch.setattr(module, "_on_moved_meshes", computed)
+    return _slopes(stages, np.ones(1), (None,), "superelement", Workers(1))
+
+
+@pytest.mark.parametrize("limit", [math.inf, 1.1])
+def test_a_derivative_is_that_of_a_stage_that_can_be_meshed(monkeypatch, limit):
+    values, slopes, moved = _by_a_mesher_that_refuses(monkeypatch, lambda z: z > limit)
+    assert values == pytest.approx(2.0)
+    assert moved == pytest.approx(2.1)
+    assert slopes[0, 0] == pytest.approx(2.1, rel=1e-12)
+
+
+def test_a_dimension_without_a_derivative_is_not_taken_for_one_that_changes_nothing(monkeypatch):
+    with pytest.raises(ModelError, match="for changes of width: give them smaller ranges"):
+        _by_a_mesher_that_refuses(monkeypatch, lambda z: z != 1.0)
 
 
 def test_a_search_that_explains_nothing_is_repeated_from_elsewhere():

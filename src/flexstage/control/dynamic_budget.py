@@ -725,7 +725,7 @@ def _loop_of(text: str | PositionLoop, setup: _Setup) -> PositionLoop:
     if text.strip() == "tune":
         return PositionLoop(name="tune", settings=tune_plant(_within(setup.plant())).settings)
     crossover = crossover_of(text)
-    if crossover is None and Path(text).is_file():
+    if crossover is None and (Path(text).is_file() or Path(text).suffix[1:].isalpha()):
         return read_loop(Path(text))
     if crossover is None or not crossover > 0.0:
         raise ModelError(

@@ -468,16 +468,27 @@ def _slopes(
     values = stages.near(z).figures(z[None], figures, model)[0]
     if not np.isfinite(values).all():
         raise ModelError("the most probable stage has no superelement model: change the prior")
+    near = stages.near(z)
     steps = np.array([_step(stages, z, j) for j in range(z.size)])
     around = np.vstack([z, z + np.diag(steps)])
-    base, *others = _on_moved_meshes(stages.near(z), around, figures, model, workers, "derivatives")
-    slopes = np.divide(
-        np.array(others) - base,
-        steps[:, None],
-        out=np.zeros((z.size, len(figures))),
-        where=steps[:, None] != 0.0,
-    )
-    return values, np.nan_to_num(slopes).T, base
+    base, *others = _on_moved_meshes(near, around, figures, model, workers, "derivatives")
+    differences = np.array(others) - base
+    refused = np.flatnonzero(~np.isfinite(differences).all(axis=1))
+    if refused.size:  # as a mesh may be
+        steps[refused] *= -0.5
+        around = z + np.diag(steps)[refused]
+        differences[refused] = (
+            _on_moved_meshes(near, around, figures, model, workers, "derivatives") - base
+        )
+    if not np.isfinite(differences).all():
+        names = [stages.dimensions[j].name for j in refused]
+        raise ModelError(
+            "superelements about the most probable stage cannot be computed on moved meshes, for "
+            f"changes of {', '.join(names)}: give them smaller ranges, or less of them"
+        )
+    some = steps != 0.0
+    slopes = np.where(some[:, None], differences / np.where(some, steps, 1.0)[:, None], 0.0)
+    return values, slopes.T, base
 
 
 def _on_moved_meshes(
