@@ -258,7 +258,7 @@ def simulink_files(
 
 
 def _fastest_pole(diagram: Diagram, model: DynamicModel | None) -> float:
-    poles = np.linalg.eigvals(diagram_state_space(diagram, nonlinear="pass").A)
+    poles = np.linalg.eigvals(diagram_state_space(diagram).A)
     omega = np.zeros(1) if model is None else model.omega
     return float(max(np.max(np.abs(poles), initial=0.0), np.max(omega)))
 
