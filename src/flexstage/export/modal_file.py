@@ -50,9 +50,9 @@ def _text(words: str) -> str:
     return (re.sub(r"^-1\b", "- 1", plain) or "NONE")[:80]
 
 
-def _reals(values: Sequence[float], width: int, digits: int, in_line: int) -> list[str]:
+def _reals(values: Sequence[float], in_line: int) -> list[str]:
     """Return numbers in columns."""
-    words = [f"{v:{width}.{digits}E}" for v in values]
+    words = [f"{v:13.5E}" for v in values]
     return ["".join(words[i : i + in_line]) for i in range(0, len(words), in_line)]
 
 
@@ -116,10 +116,10 @@ def mode_shape(
     # structural, normal mode, six directions, displacement, real numbers, six of them
     lines.append("".join(f"{code:10d}" for code in (1, 2, 3, DISPLACEMENT, 2, 6)))
     lines.append("".join(f"{code:10d}" for code in (2, 4, 0, number)))
-    lines += _reals((frequency_hz, 1.0, damping_ratio, 0.0), 13, 5, 6)
+    lines += _reals((frequency_hz, 1.0, damping_ratio, 0.0), 6)
     for point, row in zip(points, shape.tolist(), strict=True):
         lines.append(f"{point:10d}")
-        lines += _reals(row, 13, 5, 6)
+        lines += _reals(row, 6)
     return _set(55, lines)
 
 
@@ -148,7 +148,7 @@ def frequency_function(
     lines.append(f"{_FRF:5d}{number:10d}{0:5d}{0:10d}{places}")
     # complex in double precision, each with its frequency
     stored = "".join(f"{code:10d}" for code in (6, frequency_hz.size, 0))
-    lines.append(stored + "".join(_reals((0.0, 0.0, 0.0), 13, 5, 3)))
+    lines.append(stored + "".join(_reals((0.0, 0.0, 0.0), 3)))
     lines.append(f"{_FREQUENCY:10d}{0:5d}{0:5d}{0:5d} {'frequency':<20} {'Hz':<20}")
     above = (DISPLACEMENT, "rotation" if unit == "rad" else "displacement", unit)
     for kind, label, of in (above, (denominator, *_NAMES[denominator])):

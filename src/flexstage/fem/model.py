@@ -305,7 +305,8 @@ def project(
     # take the modes out, then what the responses share
     within = modal_mass.T @ response
     rest = response - shapes @ within
-    stiff_rest = _effective(continuum, loads) - modal_mass @ (omega[:, None] ** 2 * within)
+    effective = np.where(continuum.free[:, None], loads, 0.0)
+    stiff_rest = effective - modal_mass @ (omega[:, None] ** 2 * within)
     mass_rest = _mass(continuum, attached, rest)
     self_mass = np.einsum("ij,ij->j", response, _mass(continuum, attached, response))
     left = np.einsum("ij,ij->j", rest, mass_rest)
@@ -324,10 +325,6 @@ def project(
     all_omega = np.concatenate((omega, np.sqrt(np.clip(squares, 0.0, None))))
     is_mode = np.arange(all_omega.size) < count
     return all_omega, np.column_stack((shapes, residual)), is_mode
-
-
-def _effective(continuum: Continuum, loads: Array) -> Array:
-    return np.where(continuum.free[:, None], loads, 0.0)
 
 
 def _mass(continuum: Continuum, attached: Sequence[AttachedMass], u: Array) -> Array:
