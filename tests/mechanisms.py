@@ -2,11 +2,13 @@
 
 import functools
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.export.diagram.graph import Diagram
 from flexstage.lumped import (
     Mechanism,
     RigidBody,
@@ -136,3 +138,22 @@ def _spring(random: np.random.Generator) -> NDArray[np.float64]:
     scale = np.diag([3e3, 2e3, 3.0])
     spring = scale @ (root @ root.T + np.eye(3)) @ scale
     return 0.5 * (spring + spring.T)
+
+
+def without_drive_chains(diagram: Diagram) -> Diagram:
+    """Replace the last of amplifier, hysteresis and creep of each drive by an input."""
+    chain = ("amplifier", "hysteresis", "creep")
+    kinds = {b.name: b.kind for b in diagram.blocks}
+    readers: dict[str, set[str]] = {}
+    for line in diagram.lines:
+        readers.setdefault(line.source, set()).add(kinds[line.target])
+    before = {name for name, read_by in readers.items() if read_by <= set(chain)}
+    return replace(
+        diagram,
+        blocks=tuple(
+            replace(b, kind="input") if b.kind in chain else b
+            for b in diagram.blocks
+            if b.name not in before
+        ),
+        lines=tuple(x for x in diagram.lines if x.source not in before),
+    )

@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from flexstage.base.errors import ModelError
 from flexstage.export.tables import table_files
 from flexstage.lumped import lumped_system
 from flexstage.quantities.characteristic import ORIGINS, Characteristic
@@ -138,8 +137,3 @@ def test_every_quantity_has_a_label_and_a_unit_that_people_use() -> None:
         assert quantity.shown_unit or quantity.unit == "1"
     assert (display("max_stress").shown_unit, display("max_stress").factor) == ("MPa", 1e-6)
     assert (display("thermal_drift").shown_unit, display("thermal_drift").factor) == ("nm/K", 1e9)
-
-
-def test_nothing_to_write_is_refused() -> None:
-    with pytest.raises(ModelError, match="no characteristics of 's'"):
-        table_files((), name="s")

@@ -26,6 +26,7 @@ from flexstage.system import (
     frequency_response,
     modes,
 )
+from tests.mechanisms import without_drive_chains
 
 NAMES = ("vgtu-piezo", "vgtu-mechanical", "parallelogram")
 _PIEZO = design("vgtu-piezo")
@@ -68,7 +69,7 @@ def response(space: StateSpace, frequency_hz: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_poles_are_those_of_the_equations_of_motion(name: str) -> None:
     stage = design(name)
-    drawn = diagram_state_space(stage_diagram(stage, damping=_DAMPING), nonlinear="cut")
+    drawn = diagram_state_space(without_drive_chains(stage_diagram(stage, damping=_DAMPING)))
     wanted = np.linalg.eigvals(in_first_order(lumped_system(stage), _DAMPING)[0])
     found = np.linalg.eigvals(drawn.A)
     far = np.abs(wanted[:, None] - found[None, :]) / np.abs(wanted)[:, None]
@@ -80,7 +81,7 @@ def test_the_poles_are_those_of_the_equations_of_motion(name: str) -> None:
 def test_each_entry_of_the_equations_is_the_one_of_the_lumped_model(name: str) -> None:
     stage = design(name)
     diagram = stage_diagram(stage, damping=_DAMPING)
-    drawn = diagram_state_space(diagram, nonlinear="cut")
+    drawn = diagram_state_space(without_drive_chains(diagram))
     a, b, c = in_first_order(lumped_system(stage), _DAMPING)
     # integrators come body by body, rates before motions
     n = a.shape[0] // 2
@@ -99,7 +100,7 @@ def test_a_drive_that_stands_beside_its_line_acts_through_the_pushed_point() -> 
     pushed, stood = stack.at
     beside = replace(stack, at=(pushed, (stood[0] + 2.3e-3, stood[1])))
     stage = replace(_PIEZO, drives=(_PIEZO.drives[0], beside))
-    drawn = diagram_state_space(stage_diagram(stage, damping=_DAMPING), nonlinear="cut")
+    drawn = diagram_state_space(without_drive_chains(stage_diagram(stage, damping=_DAMPING)))
     wanted = np.linalg.eigvals(in_first_order(lumped_system(stage), _DAMPING)[0])
     # the product of all poles feels every entry
     assert np.sum(np.log(np.abs(np.linalg.eigvals(drawn.A)))) == pytest.approx(
@@ -113,7 +114,7 @@ def test_a_drive_that_stands_beside_its_line_acts_through_the_pushed_point() -> 
 def test_an_undamped_diagram_answers_as_the_lumped_system() -> None:
     still = RayleighDamping(alpha=0.0, beta=0.0)
     system = lumped_system(_PIEZO).with_damping(ModalDamping(ratio=0.0))
-    space = diagram_state_space(stage_diagram(_PIEZO, damping=still), nonlinear="cut")
+    space = diagram_state_space(without_drive_chains(stage_diagram(_PIEZO, damping=still)))
     frequency = np.array([1.0, 211.0, 700.0, 1377.0, 3313.0])
     found = response(space, frequency)
     for i, probe in enumerate(("x", "y")):
@@ -127,7 +128,7 @@ def test_an_undamped_diagram_answers_as_the_lumped_system() -> None:
 
 def test_rayleigh_damping_of_stacks_takes_part() -> None:
     system = lumped_system(_PIEZO).with_damping(_DAMPING)
-    space = diagram_state_space(stage_diagram(_PIEZO, damping=_DAMPING), nonlinear="cut")
+    space = diagram_state_space(without_drive_chains(stage_diagram(_PIEZO, damping=_DAMPING)))
     first = modes(system, drives="in place", count=2).omega / (2.0 * np.pi)
     found = response(space, first)
     for j, axis in enumerate(("x", "y")):
@@ -143,7 +144,7 @@ def test_a_stiff_spring_stands_in_for_an_imposed_displacement(name: str) -> None
     rayleigh = RayleighDamping(alpha=0.0, beta=1.1e-6)
     exact = modes(system, drives="in place", count=6)
     frequency = exact.omega[0] / (2.0 * np.pi) * np.array([0.01, 0.3, 0.6])
-    space = diagram_state_space(stage_diagram(stage, damping=rayleigh), nonlinear="cut")
+    space = diagram_state_space(without_drive_chains(stage_diagram(stage, damping=rayleigh)))
     found = response(space, frequency)[:, 0, 0]
     wanted = frequency_response(
         system.with_damping(rayleigh), frequency, "x", "x", drives="in place"
@@ -166,7 +167,7 @@ def test_damping_is_fitted_to_the_two_lowest_modes() -> None:
     np.testing.assert_allclose(0.5 * (found.alpha / omega + found.beta * omega), 0.023, rtol=1e-12)
     model = dynamic_model(_PIEZO, system)
     poles = np.linalg.eigvals(
-        diagram_state_space(stage_diagram(_PIEZO, model=model), nonlinear="cut").A
+        diagram_state_space(without_drive_chains(stage_diagram(_PIEZO, model=model))).A
     )
     swinging = poles[poles.imag > 0.0]
     lowest = swinging[np.argsort(np.abs(swinging))[:2]]
@@ -177,7 +178,7 @@ def test_the_symbolic_model_has_the_same_damping() -> None:
     # derived once more by Lagrange's method, with symbols; drives are left out there
     stage = design("parallelogram")
     model = symbolic_model(stage, damping="rayleigh").with_values(alpha=37.0, beta=1.3e-6)
-    space = diagram_state_space(stage_diagram(stage, damping=_DAMPING), nonlinear="cut")
+    space = diagram_state_space(without_drive_chains(stage_diagram(stage, damping=_DAMPING)))
     mass, viscous = model.numbers(model.M), model.numbers(model.C)
     at = np.arange(18).reshape(-1, 2, 3)[:, 0].ravel()
     wanted = np.linalg.inv(mass) @ viscous
@@ -213,7 +214,7 @@ def test_a_run_with_hysteresis_follows_the_dynamic_model() -> None:
     t = np.arange(1500) * model.step
     u = 40.0 * (1.0 - np.cos(2.0 * np.pi * 270.0 * t)) + 9.0 * np.sin(2.0 * np.pi * 530.0 * t) * t
     wanted = model.as_exported().simulate({"x": u, "y": 0.0 * u}).readings
-    space = diagram_state_space(stage_diagram(_PIEZO, model=model), nonlinear="cut")
+    space = diagram_state_space(without_drive_chains(stage_diagram(_PIEZO, model=model)))
     drives = [model.drive(n.removeprefix("d_").removesuffix("_hysteresis")) for n in space.inputs]
     given = dict(zip((d.name for d in drives), (u, 0.0 * u), strict=True))
     w = np.stack([free_displacement(d, given[d.name]) for d in drives], axis=1)
@@ -230,7 +231,7 @@ def test_an_identified_model_is_scaled_to_the_free_displacement() -> None:
     model = dynamic_model(_PIEZO, lumped_system(_PIEZO), hysteresis={"x": read})
     diagram = stage_diagram(_PIEZO, model=model)
     scale = diagram.block("d_x_scale").matrix
-    space = diagram_state_space(diagram, nonlinear="cut")
+    space = diagram_state_space(without_drive_chains(diagram))
     static = space.D - space.C @ np.linalg.solve(space.A, space.B)
     # at rest the stage reads what the model says, in um
     at = space.inputs.index("d_x_hysteresis")
@@ -260,14 +261,12 @@ def test_the_chain_of_a_drive_is_drawn_in_order() -> None:
     }  # fmt: skip
 
 
-def test_nonlinear_blocks_are_refused_or_let_pass() -> None:
+def test_nonlinear_blocks_let_their_signals_pass() -> None:
     diagram = stage_diagram(_PIEZO)
-    with pytest.raises(ModelError, match="hysteresis"):
-        diagram_state_space(diagram)
-    passed = diagram_state_space(diagram, nonlinear="pass")
-    cut = diagram_state_space(diagram, nonlinear="cut")
+    passed = diagram_state_space(diagram)
     assert passed.inputs == ("d_x_command", "d_y_command")
-    np.testing.assert_array_equal(passed.B, cut.B)
+    after = diagram_state_space(without_drive_chains(diagram))
+    np.testing.assert_array_equal(passed.B, after.B)
 
 
 def test_hinges_are_those_of_the_model_that_is_handed_over() -> None:

@@ -230,7 +230,7 @@ def test_upright_lines_leave_the_names_of_signals_free(case: tuple[Diagram, Page
 
 def test_the_drawing_is_a_file_that_stands_by_itself(case: tuple[Diagram, PageLayout]) -> None:
     diagram, placed = case
-    content = diagram_svg(diagram, placed=placed)
+    content = diagram_svg(diagram)
     root = ET.fromstring(content)
     _, _, width, height = map(float, root.attrib["viewBox"].split())
     assert width >= placed.width
@@ -249,8 +249,8 @@ def test_the_drawing_is_a_file_that_stands_by_itself(case: tuple[Diagram, PageLa
 
 
 def test_words_stay_on_the_page(case: tuple[Diagram, PageLayout]) -> None:
-    diagram, placed = case
-    root = ET.fromstring(diagram_svg(diagram, placed=placed))
+    diagram, _ = case
+    root = ET.fromstring(diagram_svg(diagram))
     width, height = float(root.attrib["width"]), float(root.attrib["height"])
 
     def walk(element: ET.Element, dx: float, dy: float) -> None:

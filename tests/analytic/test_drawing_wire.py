@@ -192,8 +192,6 @@ def test_a_cut_wider_than_a_notch_is_refused_by_name_and_radius() -> None:
     )
     with pytest.raises(StageError, match=expected):
         offset_contours(plate, 1.8e-3)
-    with pytest.raises(StageError, match="must be positive and finite, got 0"):
-        offset_contours(plate, 0.0)
 
 
 def test_a_cut_as_wide_as_a_leaf_is_long_does_not_reach_its_neck() -> None:
@@ -286,8 +284,6 @@ def test_contours_are_cut_from_inside_outwards(name: str) -> None:
 
 def test_a_start_hole_that_does_not_fit_is_refused() -> None:
     plate, paths = made("circular")
-    with pytest.raises(StageError, match=r"at least as wide as the kerf, 0\.31 mm, got 0\.2 mm"):
-        cuts(plate, paths, 0.5 * KERF, 0.2e-3)
     with pytest.raises(StageError, match=r"start hole of 50 mm does not fit .* space for \d"):
         cuts(plate, paths, 0.5 * KERF, 50e-3)
 

@@ -59,10 +59,8 @@ def test_a_seat_is_found_from_the_frequency_that_it_gives(axis: str, stiffness: 
 
 def test_all_modes_agree_with_one_and_with_its_uncertainty() -> None:
     found = seat("x", 337.0)
-    assert found.one_mode_stiffness == pytest.approx(
-        5.520153e6 * ((337.0 / found.bare_hz) ** 2 - 1.0), rel=1e-6
-    )
-    assert found.added_stiffness == pytest.approx(found.one_mode_stiffness, rel=0.05)
+    one_mode = 5.520153e6 * ((337.0 / found.bare_hz) ** 2 - 1.0)
+    assert found.added_stiffness == pytest.approx(one_mode, rel=0.05)
     by_hand = 2.0 * 5.520153e6 * (337.0 / found.bare_hz) ** 2 * 0.02
     assert found.added_uncertainty == pytest.approx(by_hand, rel=0.08)
     # a measured uncertainty adds to that of the model
@@ -76,7 +74,6 @@ def test_a_frequency_below_the_bare_one_only_bounds() -> None:
     found = seat("y", 526.93)
     assert found.seat_stiffness is None
     assert found.added_stiffness < 0.0
-    assert found.added_stiffness == pytest.approx(found.one_mode_stiffness, rel=0.05)
     assert found.added_interval[0] == 0.0
     assert found.added_interval[1] == pytest.approx(
         found.added_stiffness + 1.96 * found.added_uncertainty, rel=0.1
@@ -104,8 +101,6 @@ def test_the_stroke_wants_another_seat() -> None:
     K = alone.K + float(x.stiffness or 0.0) * np.outer(x.vector, x.vector)
     q = np.linalg.solve(K, float(x.stiffness or 0.0) * 1.1 * 38e-6 * x.vector)
     assert float(system.probe("x").vector @ q) == pytest.approx(63.12e-6, rel=1e-9)
-    assert found.free_stroke is not None
-    assert 38e-6 < found.free_stroke < 41e-6
     assert not seat("x", 337.0, 5e-6).contradicted
 
 

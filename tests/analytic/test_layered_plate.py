@@ -138,11 +138,6 @@ def test_linear_temperatures_move_and_stress_nothing(
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
-def test_a_layer_deeper_than_a_quarter_of_the_plate_is_refused() -> None:
-    with pytest.raises(ModelError, match="up to a quarter"):
-        ThroughThickness(thickness=8e-3, layer=2.1e-3, out_of_plane=False)
-
-
 @pytest.mark.parametrize("out_of_plane", [False, True])
 def test_elimination_in_the_order_of_the_unknowns_fills_little(out_of_plane: bool) -> None:
     """Against minimum degree on all unknowns, not on the scalar space alone."""

@@ -17,7 +17,6 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from flexstage.base.errors import ModelError
 from flexstage.export.realtime import (
     amalgamated,
     command_span,
@@ -537,13 +536,6 @@ def test_single_precision_holds_its_numbers_in_single_precision() -> None:
     assert np.all((sizes == 0.0) | (sizes >= 1.1754943e-38))
 
 
-def test_bad_input_is_refused_in_words() -> None:
-    model = _model("vgtu-mechanical", keep_modes=2)
-    with pytest.raises(ModelError, match="double or single, got 'half'"):
-        realtime_files(model, precision="half")  # type: ignore[arg-type]
-    with pytest.raises(
-        ModelError, match="not a valid prefix of names in C: it must begin with a letter"
-    ):
-        realtime_files(model, name="two stages")
+def test_an_include_that_is_not_before_it_is_refused() -> None:
     with pytest.raises(ValueError, match=r"a\.h includes b\.h, which is not before it"):
         amalgamated({"a.h": b'#include "b.h"\n'})

@@ -164,14 +164,14 @@ def test_names_of_drives_in_an_fmu_are_of_one_part() -> None:
 )
 def test_a_script_hides_nothing_that_it_calls(name: str, file: str, tmp_path: Path) -> None:
     stage = _stage(tmp_path, name=name)
-    files = matlab_files(stage, lumped_system(stage))
+    files = matlab_files(stage, dynamic_model(stage, lumped_system(stage)))
     assert set(files) == {f"{file}.mat", f"{file}.m", f"{file}_step.m"}
 
 
 @pytest.mark.skipif(OCTAVE is None, reason="GNU Octave is not installed")
 def test_octave_runs_the_script_of_a_stage_called_sin(tmp_path: Path) -> None:
     stage = _stage(tmp_path, name="sin", title=_HOSTILE, drives=(_HOSTILE,))
-    files = matlab_files(stage, lumped_system(stage))
+    files = matlab_files(stage, dynamic_model(stage, lumped_system(stage)))
     write_files(tmp_path, files)
     code = "warning('off'); stage_sin; printf('%d modes\\n', numel(S.omega));"
     done = run_octave(tmp_path, code)

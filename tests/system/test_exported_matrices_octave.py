@@ -28,7 +28,7 @@ _BOTH = pytest.mark.parametrize("name", list(_STAGES))
 def _octave(folder: Path, model: DynamicModel, script: str, **given: np.ndarray) -> dict:
     """Run a script beside the files of a model named `stage`; its `out` comes back."""
     stage = _STAGES[model.name]
-    for file, content in matlab_files(stage, model.system, model=model, name="stage").items():
+    for file, content in matlab_files(stage, model, name="stage").items():
         (folder / file).write_bytes(content)
     savemat(folder / "given.mat", given)
     done = run_octave(

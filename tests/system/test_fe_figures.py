@@ -9,7 +9,6 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
-from flexstage.base.errors import ModelError
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem import MeshSettings, Refinement, StageModel
 from flexstage.fem.geometry import MOUNTING
@@ -172,17 +171,6 @@ def test_seams_keep_the_regions_apart(plane: StageModel, plane_analysis: Analysi
     )
     assert not apart.stress[np.unique(apart.cells[bodies]), 2].any()
     assert np.abs(apart.stress[:, 2]).max() > 1e6
-
-
-def test_what_cannot_be_sampled_is_said(plane: StageModel, solid: StageModel) -> None:
-    with pytest.raises(ModelError, match="1 to 32 parts, got 0"):
-        Sampler(model=plane, divisions=0)
-    with pytest.raises(ModelError, match="no hinge 'none'"):
-        Sampler(model=plane).neck_peak(np.zeros(plane.system.order), "none")
-    with pytest.raises(ModelError, match="wedges have no outline"):
-        assert Sampler(model=solid, divisions=1, extent="whole").outline
-    with pytest.raises(ModelError, match="without its stress"):
-        assert Sampler(model=plane).read(np.zeros(plane.system.order), stress=False).von_mises.any()
 
 
 # ------------------------------------------------------------------ figures

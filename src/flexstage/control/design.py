@@ -17,6 +17,7 @@ from flexstage.control.loop_plant import (
     loop_margins,
     loop_plant,
     step_response,
+    worst_of,
 )
 from flexstage.hysteresis import DriveModel, StageModes
 from flexstage.system.servo import Filter, ForceFeedback, Notch, PositionFeedback, ServoSettings
@@ -189,7 +190,7 @@ def tune_plant(
         gain = _largest_gain(loudest, unit, required) * (1.0 - 1e-9)
         if not gain > 0.0:
             continue
-        trial = replace(unit, integral=gain, proportional=gain * unit.proportional)
+        trial = unit.scaled(gain)
         score = 1.0 / _left_of_steps(plant, trial) if kind == "auto" else gain
         if score > value:
             value, best = score, trial
@@ -203,7 +204,7 @@ def tune_plant(
     return ServoDesign(
         settings=best,
         nominal=nominal,
-        worst=_worst(margins),
+        worst=worst_of(margins),
         requirements=required,
         plant=plant,
         notes=_notes(plant, best, required, mains_hz),
@@ -500,17 +501,6 @@ def _largest_gain(cases: list[LoopPlant], unit: ServoSettings, required: Require
             gain = min(gain, 1.0 / float(np.abs(loop[near]).max()))
         gain = min(gain, gain_margin(loop) / required.gain_margin)
     return gain if math.isfinite(gain) else 0.0
-
-
-def _worst(margins: list[Margins]) -> Margins:
-    return Margins(
-        stable=all(m.stable for m in margins),
-        gain_margin=min(m.gain_margin for m in margins),
-        phase_margin=min(m.phase_margin for m in margins),
-        sensitivity_peak=max(m.sensitivity_peak for m in margins),
-        crossover_hz=min(m.crossover_hz for m in margins),
-        bandwidth_hz=min(m.bandwidth_hz for m in margins),
-    )
 
 
 def _notes(

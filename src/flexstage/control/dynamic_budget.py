@@ -860,12 +860,7 @@ def _scaled_stiffness(setup: _Setup, factor: float) -> _Setup:
 
 def _scaled_gain(setup: _Setup, factor: float) -> _Setup:
     assert setup.loop is not None
-    settings = replace(
-        setup.loop.settings,
-        integral=factor * setup.loop.settings.integral,
-        proportional=factor * setup.loop.settings.proportional,
-    )
-    return replace(setup, loop=replace(setup.loop, settings=settings))
+    return replace(setup, loop=replace(setup.loop, settings=setup.loop.settings.scaled(factor)))
 
 
 #: Parameters of stage and loop by name; the loop keeps its settings while the stage changes.

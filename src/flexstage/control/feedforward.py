@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.base.arrays import Array
 from flexstage.base.errors import LimitError, ModelError, RecordError
 from flexstage.control.trajectory import Trajectory, smooth_step, whole_periods
 from flexstage.hysteresis import DriveModel, DriveState, Feedforward, Lag, feedforward
@@ -158,21 +157,24 @@ def compensate(
         )
     ranges = {a: _range(models[a], (limits or {}).get(a)) for a in trajectory.axes}
     rate = trajectory.sample_rate_hz
-    states = after or {}
-    inverses = {a: _Axis(models[a], ranges[a], rate, states.get(a)) for a in trajectory.axes}
+    dt = 1.0 / rate
+    before = {a: _rest(models[a], dt) for a in trajectory.axes} | dict(after or {})
     voltages: dict[str, Feedforward] = {}
     # the move to the first voltage is part of the memory of the drive: three iterations suffice
     ends = {a: ranges[a][0] for a in trajectory.axes}
     for _ in range(3):
         lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends)
-        for a, follower in inverses.items():
-            voltages[a] = follower.follow(trajectory.positions[a], periods, lead_in.values[a])
+        for a, reference in trajectory.positions.items():
+            _, then = models[a].response(lead_in.values[a], dt, before[a])
+            voltages[a] = feedforward(
+                models[a], reference, dt, periods=periods, limits=ranges[a], after=then
+            )
             ends[a] = float(voltages[a].command[0])
     lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends)
     samples = {a: follower.command for a, follower in voltages.items()}
     waveform = Waveform(values=samples, sample_rate_hz=rate, quantity="voltage")
     _check_slew(waveform, limits or {}, closed=periods == 0)
-    notes = [s for a in inverses for s in (models[a].outside(samples[a]),) if s]
+    notes = [s for a in voltages for s in (models[a].outside(samples[a]),) if s]
     notes += [
         f"axis '{a}': {follower.limit_note}" for a, follower in voltages.items() if follower.limited
     ]
@@ -182,7 +184,7 @@ def compensate(
         trajectory=trajectory,
         periods=periods,
         predicted={
-            a: follower.reading_after(lead_in.values[a]) for a, follower in inverses.items()
+            a: float(models[a].response(lead_in.values[a], dt, before[a])[0][-1]) for a in voltages
         },
         after={a: follower.state for a, follower in voltages.items()},
         limited=sum(follower.limited for follower in voltages.values()),
@@ -272,32 +274,11 @@ def trimmed_model(
     return replace(model, lag=replace(lag, delay=lag.delay + change))
 
 
-class _Axis:
-    """Memory and inverse of one axis."""
-
-    def __init__(
-        self,
-        model: DriveModel,
-        limits: tuple[float, float],
-        rate: float,
-        before: DriveState | None,
-    ) -> None:
-        self.model, self.limits, self.dt = model, limits, 1.0 / rate
-        creep = None if model.creep is None else model.creep.settled(0.0, self.dt)
-        memory = model.hysteresis.initial_state()
-        rest = DriveState(hysteresis=memory, creep="rested" if creep is None else creep)
-        self.before = rest if before is None else before
-
-    def follow(self, reference: Array, periods: int, lead_in: Array) -> Feedforward:
-        """Return the voltages of `periods` with continuing creep, or of one that repeats (0)."""
-        _, after = self.model.response(lead_in, self.dt, self.before)
-        return feedforward(
-            self.model, reference, self.dt, periods=periods, limits=self.limits, after=after
-        )
-
-    def reading_after(self, lead_in: Array) -> float:
-        """Return the expected reading at the end of the lead-in."""
-        return float(self.model.response(lead_in, self.dt, self.before)[0][-1])
+def _rest(model: DriveModel, dt: float) -> DriveState:
+    """Return the state of a drive at rest, without voltage."""
+    creep = None if model.creep is None else model.creep.settled(0.0, dt)
+    memory = model.hysteresis.initial_state()
+    return DriveState(hysteresis=memory, creep="rested" if creep is None else creep)
 
 
 def _range(model: DriveModel, limits: AxisLimits | None) -> tuple[float, float]:

@@ -12,7 +12,9 @@ and a delay may be any fraction of a sample (E. I. Jury's modified z transform).
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -272,6 +274,18 @@ class Margins:
     """Lowest frequency at which the gain of the loop is one [Hz]."""
     bandwidth_hz: float
     """Bandwidth, the frequency up to which errors are halved in power, ``|S| < 0.71`` [Hz]."""
+
+
+_M = TypeVar("_M", bound=Margins)
+
+
+def worst_of(margins: Iterable[_M]) -> _M:
+    """Return the worst of each margin over loops; bandwidth and crossover are the lowest."""
+    every = list(margins)
+    least: dict[str, Any] = {f.name: min(getattr(m, f.name) for m in every)
+                             for f in fields(every[0])}  # fmt: skip
+    least["sensitivity_peak"] = max(m.sensitivity_peak for m in every)
+    return replace(every[0], **least)
 
 
 def loop_frequencies(plant: LoopPlant, settings: ServoSettings | None = None) -> Array:

@@ -6,7 +6,7 @@ inner loop that damps a mode is part of the loop whose margins count.
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -29,6 +29,7 @@ from flexstage.control.loop_plant import (
     is_stable,
     margins_of,
     negative_crossings,
+    worst_of,
 )
 from flexstage.control.response_set import (
     Member,
@@ -110,12 +111,12 @@ class ResponseDesign(Result):
     def nominal(self) -> LoopMargins:
         """Worst margins of the measurements themselves."""
         pairs = zip(self.members, self.margins, strict=True)
-        return _worst(margins for member, margins in pairs if member.measured)
+        return worst_of(margins for member, margins in pairs if member.measured)
 
     @property
     def worst(self) -> LoopMargins:
         """The worst of each margin over the set; bandwidth and crossover are the lowest."""
-        return _worst(self.margins)
+        return worst_of(self.margins)
 
     def loop_gain(self, member: Member) -> Complex:
         """Return the response of the open loop of a member."""
@@ -299,9 +300,7 @@ def _gains(loop: PositionLoop, member: Member) -> tuple[Complex, Complex | float
 
 def _with_gain(loop: PositionLoop, gain: float) -> PositionLoop:
     """Return a loop with the gain of its position control raised by a factor."""
-    unit = loop.settings
-    settings = replace(unit, integral=gain * unit.integral, proportional=gain * unit.proportional)
-    return replace(loop, settings=settings)
+    return replace(loop, settings=loop.settings.scaled(gain))
 
 
 def _tables(members: Sequence[Member]) -> list[tuple[Array, Complex]]:
@@ -457,19 +456,6 @@ def _margins_of(f: Array, gain: Complex, lag: float, inner: Complex | float) -> 
     )
 
 
-def _worst(margins: Iterable[LoopMargins]) -> LoopMargins:
-    every = list(margins)
-    least = {
-        name: min(getattr(m, name) for m in every)
-        for name in ("gain_margin", "phase_margin", "crossover_hz", "bandwidth_hz", "delay_margin")
-    }
-    return LoopMargins(
-        stable=all(m.stable for m in every),
-        sensitivity_peak=max(m.sensitivity_peak for m in every),
-        **least,
-    )
-
-
 def _candidates(
     plant: LoopPlant, request: TuneRequest, nominal: Member
 ) -> Iterator[tuple[str, ServoSettings, InnerLoop | None]]:
@@ -517,7 +503,7 @@ def _robust(plant: LoopPlant, request: TuneRequest, nominal: Member) -> Iterator
         crossovers.tolist(), list(dict.fromkeys(weights))[::2]
     ):
         gain = 2.0 * math.pi * crossover / plant.gain
-        weight = replace(unit, integral=gain, proportional=gain * unit.proportional)
+        weight = unit.scaled(gain)
         if filters := robust_filters(plant, weight):
             yield replace(unit, filters=filters)
 

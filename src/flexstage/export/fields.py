@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
-from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
 from flexstage.export.body_cells import body_cells
 from flexstage.export.request import StageExport
@@ -60,7 +59,6 @@ class PackedCells:
 
     def and_values(self, in_cells: Mapping[str, Values]) -> "PackedCells":
         """Return the cells with additional values."""
-        _require_rows("cell", self.count, in_cells)
         return replace(self, values=self.values + _arrays(in_cells))
 
 
@@ -87,7 +85,6 @@ def grid_file(
 
     Units use the label of the toolkit; the remark is for readers of the file in an editor.
     """
-    _require_rows("point", len(points), at_points)
     text = [
         f"{_HEAD}<!-- {_comment(remark)} -->",
         _GRID,
@@ -113,14 +110,6 @@ def collection_file(files: Sequence[str], times: Sequence[float], *, remark: str
         '<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">\n'
         f"<Collection>\n{sets}</Collection>\n</VTKFile>\n"
     ).encode()
-
-
-def _require_rows(noun: str, rows: int, fields: Mapping[str, Values]) -> None:
-    for name, values in fields.items():
-        if len(values.values) != rows:
-            raise ModelError(
-                f"'{name}' must have one row for each of {rows} {noun}s, got {len(values.values)}"
-            )
 
 
 def _comment(remark: str) -> str:
@@ -157,7 +146,8 @@ def _data_array(name: str, numbers: Values) -> str:
     )
 
 
-_MOST_FRAMES = 360
+# frames of one period of a mode, and modes that have them
+_FRAMES, _ANIMATED = 12, 6
 # largest motion in animations, as share of the diagonal of the stage
 _LARGEST = 0.02
 
@@ -188,9 +178,6 @@ def field_files(
     analysis: Analysis,
     *,
     mesh: "StageModel | None" = None,
-    frames: int | None = None,
-    animated: int = 6,
-    divisions: int | None = None,
 ) -> dict[str, bytes]:
     """Return statics and modes of a model as files of the Visualization Toolkit.
 
@@ -198,17 +185,15 @@ def field_files(
     ``hinge_stress`` [Pa], the largest of each hinge in all cells of its notch; of a mesh with
     ``von_mises`` [Pa] and ``stress`` [Pa] (xx, yy, zz, xy, yz, xz). ``mode-NN.vtu``:
     ``displacement`` normalised to its maximum [1], its frequency as field data ``frequency_hz``;
-    ``modes.pvd`` opens all modes, with the number of the mode as time. ``mode-NN-period.pvd`` with
-    its ``mode-NN-frame-KK.vtu``: one period of the mode, with the fraction of the period as time.
-    Its points are displaced, by at most 2 % of the diagonal of the stage; bodies may seem to
-    overlap. Every cell has numbers of its ``region`` and ``body``, whose names are in
-    ``regions.csv``. Points are in metres.
+    ``modes.pvd`` opens all modes, with the number of the mode as time. Every cell has numbers of
+    its ``region`` and ``body``, whose names are in ``regions.csv``. Points are in metres.
 
-    The mesh is that of the finite elements of the analysis. Without a mesh, bodies are drawn as
-    rigid bodies. `frames` is the number of frames in one period of each of the `animated` lowest
-    modes, 0 for none, else 2 to 360; by default 12, or none with a mesh, whose files are large.
-    `divisions` of each edge of a finite element are by default its order, but at most 4, in the
-    plane, and 2 in three dimensions and in frames.
+    The mesh is that of the finite elements of the analysis. Each edge of an element has as many
+    parts as its order, but at most 4, in the plane, and 2 in three dimensions. Without a mesh,
+    bodies are drawn as rigid bodies, and the lowest modes are animated: ``mode-NN-period.pvd`` with
+    its ``mode-NN-frame-KK.vtu`` is one period of a mode, with the fraction of the period as time.
+    Its points are displaced, by at most 2 % of the diagonal of the stage; bodies may seem to
+    overlap.
 
     Notes
     -----
@@ -223,48 +208,24 @@ def field_files(
     >>> from flexstage.lumped import lumped_system
     >>> from flexstage.system import analyse
     >>> stage = design("parallelogram")
-    >>> files = field_files(stage, analyse(stage, lumped_system(stage)), frames=4, animated=1)
+    >>> files = field_files(stage, analyse(stage, lumped_system(stage)))
     >>> [name for name in files if "frame" in name][-1]
-    'mode-01-frame-04.vtu'
+    'mode-06-frame-12.vtu'
     """
-    if frames is None:
-        frames = 12 if mesh is None else 0
-    if not (frames == 0 or 2 <= frames <= _MOST_FRAMES) or animated < 0:
-        raise ModelError(
-            f"an animation must have 0 or 2 to {_MOST_FRAMES} frames of 0 or more modes, got "
-            f"{frames!r} frames of {animated!r} modes"
-        )
-    if mesh is None:
-        still = moving = _of_bodies(stage, analysis)
-    else:
-        _require_analysed(mesh, analysis)
-        solid = mesh.problems[0].continuum.dimension == 3
-        usual = 2 if solid else min(mesh.mesh_settings.order, 4)
-        still = _of_mesh(mesh, usual if divisions is None else divisions)
-        # coarser, since there are many frames
-        moving = _of_mesh(mesh, 2) if frames and divisions is None else still
-    files = _still(analysis, still)
-    if frames:
-        size = _LARGEST * float(np.linalg.norm(np.ptp(moving.points, axis=0)))
-        files |= _moving(analysis, moving, (frames, animated), size)
-    return files
+    if mesh is not None:
+        return _still(analysis, _of_mesh(mesh))
+    grid = _of_bodies(stage, analysis)
+    return _still(analysis, grid) | _moving(analysis, grid)
 
 
 # ------------------------------------------------------------------ finite elements
 
 
-def _require_analysed(mesh: "StageModel", analysis: Analysis) -> None:
-    if mesh.system.order != analysis.system.order or mesh.system.model != analysis.system.model:
-        raise ModelError(
-            f"the mesh belongs to a {mesh.system.model} model with {mesh.system.order} "
-            f"coordinates, the analysis to a {analysis.system.model} model with "
-            f"{analysis.system.order}: give the mesh of the analysis"
-        )
-
-
-def _of_mesh(mesh: "StageModel", divisions: int) -> _StageGrid:
+def _of_mesh(mesh: "StageModel") -> _StageGrid:
     from flexstage.fem.sampling import Sampler
 
+    solid = mesh.problems[0].continuum.dimension == 3
+    divisions = 2 if solid else min(mesh.mesh_settings.order, 4)
     sampler = Sampler(model=mesh, divisions=divisions, extent="whole", seams=True)
     rest = sampler.read(np.zeros(mesh.system.order), stress=False)
     regions = [(name, sampler.bodies[name]) for name in sampler.regions]
@@ -352,17 +313,15 @@ def _still(analysis: Analysis, grid: _StageGrid) -> dict[str, bytes]:
     return files
 
 
-def _moving(
-    analysis: Analysis, grid: _StageGrid, counts: tuple[int, int], size: float
-) -> dict[str, bytes]:
-    """Return frames of one period of modes, with the size as the largest motion."""
-    frames, animated = counts
+def _moving(analysis: Analysis, grid: _StageGrid) -> dict[str, bytes]:
+    """Return frames of one period of the lowest modes."""
+    size = _LARGEST * float(np.linalg.norm(np.ptp(grid.points, axis=0)))
     files: dict[str, bytes] = {}
     title = f"{analysis.system.model} model of {analysis.stage.name}"
     shapes = analysis.modes["removed"]
-    for k, frequency in enumerate(shapes.frequency_hz[:animated].tolist(), start=1):
+    for k, frequency in enumerate(shapes.frequency_hz[:_ANIMATED].tolist(), start=1):
         motion = _normalised(grid.displacement(shapes.shapes[:, k - 1]))
-        names, times = [], [i / frames for i in range(frames)]
+        names, times = [], [i / _FRAMES for i in range(_FRAMES)]
         for i, time in enumerate(times, start=1):
             displacement = np.cos(2.0 * np.pi * time) * motion
             names.append(f"mode-{k:02d}-frame-{i:02d}.vtu")

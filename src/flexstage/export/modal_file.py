@@ -10,10 +10,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
-from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
 from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
@@ -22,7 +21,6 @@ from flexstage.stage import Circle, Stage
 from flexstage.stage.contour import body_contour
 from flexstage.stage.mass import mass_properties
 from flexstage.system import (
-    DriveCondition,
     FrequencyResponse,
     MechanicalSystem,
     Modes,
@@ -52,9 +50,9 @@ def _text(words: str) -> str:
     return (re.sub(r"^-1\b", "- 1", plain) or "NONE")[:80]
 
 
-def _reals(values: Sequence[float], width: int, digits: int, in_line: int) -> list[str]:
+def _reals(values: Sequence[float], in_line: int) -> list[str]:
     """Return numbers in columns."""
-    words = [f"{v:{width}.{digits}E}" for v in values]
+    words = [f"{v:13.5E}" for v in values]
     return ["".join(words[i : i + in_line]) for i in range(0, len(words), in_line)]
 
 
@@ -118,10 +116,10 @@ def mode_shape(
     # structural, normal mode, six directions, displacement, real numbers, six of them
     lines.append("".join(f"{code:10d}" for code in (1, 2, 3, DISPLACEMENT, 2, 6)))
     lines.append("".join(f"{code:10d}" for code in (2, 4, 0, number)))
-    lines += _reals((frequency_hz, 1.0, damping_ratio, 0.0), 13, 5, 6)
+    lines += _reals((frequency_hz, 1.0, damping_ratio, 0.0), 6)
     for point, row in zip(points, shape.tolist(), strict=True):
         lines.append(f"{point:10d}")
-        lines += _reals(row, 13, 5, 6)
+        lines += _reals(row, 6)
     return _set(55, lines)
 
 
@@ -148,36 +146,18 @@ def frequency_function(
         for name, point, direction in (response, reference)
     )
     lines.append(f"{_FRF:5d}{number:10d}{0:5d}{0:10d}{places}")
-    start, step = _even(frequency_hz)
-    spacing = 1 if step else 0
-    stored = (6, frequency_hz.size, spacing)
-    lines.append(
-        "".join(f"{code:10d}" for code in stored) + "".join(_reals((start, step, 0.0), 13, 5, 3))
-    )
+    # complex in double precision, each with its frequency
+    stored = "".join(f"{code:10d}" for code in (6, frequency_hz.size, 0))
+    lines.append(stored + "".join(_reals((0.0, 0.0, 0.0), 3)))
     lines.append(f"{_FREQUENCY:10d}{0:5d}{0:5d}{0:5d} {'frequency':<20} {'Hz':<20}")
     above = (DISPLACEMENT, "rotation" if unit == "rad" else "displacement", unit)
     for kind, label, of in (above, (denominator, *_NAMES[denominator])):
         lines.append(f"{kind:10d}{0:5d}{0:5d}{0:5d} {label:<20} {of:<20}")
     lines.append(f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {'NONE':<20}")
     pairs = np.column_stack((value.real, value.imag))
-    if spacing:
-        lines += _reals(pairs.ravel().tolist(), 20, 12, 4)
-    else:
-        for f, (real, imaginary) in zip(frequency_hz.tolist(), pairs.tolist(), strict=True):
-            lines.append(f"{f:13.5E}{real:20.12E}{imaginary:20.12E}")
+    for f, (real, imaginary) in zip(frequency_hz.tolist(), pairs.tolist(), strict=True):
+        lines.append(f"{f:13.5E}{real:20.12E}{imaginary:20.12E}")
     return _set(58, lines)
-
-
-def _even(frequency_hz: Array) -> tuple[float, float]:
-    """Return start and step of frequencies that six digits of both restore; else a step of 0."""
-    if frequency_hz.size < 2:
-        return 0.0, 0.0
-    start, step = (float(f"{v:.5e}") for v in (frequency_hz[0], frequency_hz[1] - frequency_hz[0]))
-    restored = start + step * np.arange(frequency_hz.size)
-    uniform = np.allclose(
-        restored, frequency_hz, rtol=1e-12, atol=1e-12 * abs(float(frequency_hz[-1]))
-    )
-    return (start, step) if uniform else (0.0, 0.0)
 
 
 _OUTLINE = 5e-5  # distance of a chord from its arc [m]
@@ -230,18 +210,16 @@ def universal_files(
     stage: Stage,
     system: MechanicalSystem,
     *,
-    drives: DriveCondition = "removed",
     count: int = 12,
-    frequency_hz: ArrayLike | None = None,
 ) -> dict[str, bytes]:
-    """Return modes and frequency responses of a stage as universal files.
+    """Return modes and frequency responses of a stage, drives removed, as universal files.
 
     ``NAME-modes.uff``: points, outlines and modes (see `modal_file`). ``NAME-frf.uff``: the
-    response of each probe to each drive (see `frf_file`), none with drives ``locked``.
+    response of each probe to each drive (see `frf_file`).
     ``NAME-points.csv``: description of each point.
 
-    Default frequencies [Hz] are around the lowest modes. They are rounded to six digits, as in the
-    format, before the responses are computed, so that each value belongs to its written frequency.
+    Frequencies are around the lowest modes. They are rounded to six digits, as in the format,
+    before the responses are computed, so that each value belongs to its written frequency.
 
     Examples
     --------
@@ -252,17 +230,13 @@ def universal_files(
     >>> sorted(files)
     ['parallelogram-frf.uff', 'parallelogram-modes.uff', 'parallelogram-points.csv']
     """
-    if count < 1:
-        raise ModelError(f"the number of modes must be 1 or more, got {count!r}")
     name, points = file_name(stage.name), modal_points(stage)
-    shapes = modes(system, drives=drives, count=count)
+    shapes = modes(system, drives="removed", count=count)
     files = {f"{name}-modes.uff": modal_file(stage, system, shapes)}
-    if drives != "locked" and stage.drives and stage.probes:
-        requested = default_frequencies_hz(shapes) if frequency_hz is None else frequency_hz
-        frequencies = np.array([float(f"{f:.5e}") for f in np.atleast_1d(requested).tolist()])
-        frequencies = np.unique(frequencies)
+    if stage.drives and stage.probes:
+        frequencies = np.unique([float(f"{f:.5e}") for f in default_frequencies_hz(shapes)])
         responses = [
-            frequency_response(system, frequencies, d.name, p.name, drives=drives)
+            frequency_response(system, frequencies, d.name, p.name)
             for d in stage.drives
             for p in stage.probes
         ]
@@ -313,9 +287,9 @@ def frf_file(stage: Stage, responses: Iterable[FrequencyResponse]) -> bytes:
     -----
     Validity: a drive pushes one body and reacts on another, and a probe may be relative; the format
     has one point of each, and the titles name both bodies. Directions other than along x and y have
-    code 0, a rotation has 6. The format has 13 digits for values, and six for frequencies that are
-    not equally spaced: use frequencies of six digits, as `universal_files` does; otherwise values
-    near a resonance have an apparent relative error of up to 1e-6 times its quality factor.
+    code 0, a rotation has 6. The format has 13 digits for values, and six for frequencies: use
+    frequencies of six digits, as `universal_files` does; otherwise values near a resonance have an
+    apparent relative error of up to 1e-6 times its quality factor.
     """
     points = modal_points(stage)
     parts = [_opening(stage, "frequency responses"), _geometry(points)]
@@ -342,11 +316,6 @@ def _geometry(points: ModalPoints) -> str:
 
 def _function(stage: Stage, points: ModalPoints, number: int, response: FrequencyResponse) -> str:
     probe, drive = stage.probe(response.probe), stage.drive(response.drive)
-    if response.frequency_hz.size < 2:
-        raise ModelError(
-            f"the response of '{probe.name}' to '{drive.name}' must have two or more frequencies, "
-            f"got {response.frequency_hz.size}"
-        )
     along = probe.direction
     against = "the ground" if probe.relative_to is None else f"body {probe.relative_to}"
     titles = (

@@ -37,12 +37,8 @@ class BodyLoads:
     parts: list[Array]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WholeBody:
-    """Mass of a body with its extra masses."""
-
-    mass: float
-    centre: tuple[float, float]
+#: Mass of a body with its extra masses [kg], and their centre [m].
+WholeBody = tuple[float, tuple[float, float]]
 
 
 def reference_scales(stage: Stage, placed: Placed) -> tuple[float, float, float]:
@@ -70,7 +66,7 @@ def whole_body(placed: Placed, condensed: Condensed, heavy: float) -> WholeBody:
     parts = [(body_mass, x, y), *((e.mass, *e.at) for e in placed.body.extra_masses)]
     mass = sum(m for m, _, _ in parts)
     centre = sum(m * px for m, px, _ in parts) / mass, sum(m * py for m, _, py in parts) / mass
-    return WholeBody(mass=mass, centre=centre)
+    return mass, centre
 
 
 def stage_loads(
@@ -97,8 +93,8 @@ def stage_loads(
                 sizes[:3] += weight * e.mass * way.read(own_centre(p, c), e.at)[i]
     if stage.expands:
         fields = {name: way.loads.index(name) for name in way.loads if "temperature" in name}
-        total = sum(w.mass for w in wholes)
-        middle = [sum(w.mass * w.centre[i] for w in wholes) / total for i in (0, 1)]
+        total = sum(mass for mass, _ in wholes)
+        middle = [sum(mass * centre[i] for mass, centre in wholes) / total for i in (0, 1)]
         for name, at in fields.items():
             parts = load(name, "K/m" if "gradient" in name else "K")
             for sizes, p in zip(parts, placed, strict=True):
@@ -245,8 +241,9 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
             if body == p.body.name:
                 probes[name][at] += way.transferred(acting[:3], own_centre(p, c), place)[0]
         motion = np.zeros((3, n))
-        motion[:, at] = way.transferred(acting[:3], own_centre(p, c), wholes[b].centre)
-        bodies[p.body.name] = wholes[b].centre, motion
+        _, centre = wholes[b]
+        motion[:, at] = way.transferred(acting[:3], own_centre(p, c), centre)
+        bodies[p.body.name] = centre, motion
         if "temperature" in loads and heats(stage):
             heated[p.body.name] = np.zeros(n)
             heated[p.body.name][at] = stiff * loads["temperature"].parts[b] @ acting

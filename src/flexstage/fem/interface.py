@@ -17,12 +17,6 @@ _STEPS = 60
 _TOLERANCE = 1e-8  # of eigenvalues of a part with mean interfaces
 
 
-def _check(continuum: Continuum, boundary: str) -> None:
-    if continuum.dimension != 3:
-        raise ModelError("interfaces with six motions are those of parts in three dimensions")
-    continuum.measure(boundary=boundary)
-
-
 def require_memory_of(continuum: Continuum) -> None:
     """Refuse a mesh that is too large for the memory, before its stiffness is factorised."""
     if continuum._solver is None:
@@ -42,7 +36,7 @@ def interface_motion(continuum: Continuum, boundary: str, at: Sequence[float]) -
     Displacements [m] and rotations [rad] for each degree of freedom, shape (6, n); the point is in
     metres, and `boundary` a regular expression.
     """
-    _check(continuum, boundary)
+    continuum.measure(boundary=boundary)  # refuses an unknown one
     fields = rigid_fields(at)
     where = continuum.mesh.Boundaries(boundary)
     area = float(ng.Integrate(ng.CoefficientFunction(1.0), continuum.mesh, definedon=where))
@@ -97,7 +91,7 @@ def interface_stiffness(
     """
     moved, fixed_names = _each(moving), _each(fixed)
     for name in (*moved, *fixed_names):
-        _check(continuum, name)
+        continuum.measure(boundary=name)  # refuses an unknown one
     require_memory_of(continuum)
     if rigid:
         return _rigid_stiffness(continuum, [("|".join(moved), at)], "|".join(fixed_names))
@@ -197,7 +191,7 @@ def interface_ratio(
     """
     fixed_names = _each(fixed)
     for name in (*apart, output, *fixed_names):
-        _check(continuum, name)
+        continuum.measure(boundary=name)  # refuses an unknown one
     require_memory_of(continuum)
     first, second, end = (_centroid(continuum, name) for name in (*apart, output))
     direction = np.subtract(first, second)
@@ -286,7 +280,7 @@ def interface_modes(continuum: Continuum, fixed: Sequence[str], count: int) -> t
     part with a shift.
     """
     for name in fixed:
-        _check(continuum, name)
+        continuum.measure(boundary=name)  # refuses an unknown one
     require_memory_of(continuum)
     motion = np.vstack([interface_motion(continuum, name, (0.0, 0.0, 0.0)) for name in fixed])
     moved = continuum.solve(motion.T)

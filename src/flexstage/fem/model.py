@@ -1,6 +1,5 @@
 """A stage as a continuum, projected on the coordinates of a `MechanicalSystem`."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -23,6 +22,7 @@ from flexstage.fem.stage_system import (
     attached_masses,
     body_motion,
     body_regions,
+    coordinate_names,
     drive_vector,
     lifted_probes,
     probe_vector,
@@ -259,19 +259,13 @@ def _uncoupled(
     omega, basis, is_mode = project(continuum, right, count, attached)
     progress.update("stress", 0.85)
     points = neck_points(continuum.mesh, stage)
-    where = "out of plane, " if out_of_plane else ""
-    coordinates = [
-        f"{where}{'mode' if m else 'static response'} {i + 1} ({w / (2.0 * math.pi):.5g} Hz) "
-        "[kg^0.5 m]"
-        for i, (w, m) in enumerate(zip(omega, is_mode, strict=True))
-    ]
     continuum.release()
     return _UncoupledSystem(
         continuum=continuum,
         omega=omega,
         basis=basis,
         out=out_of_plane,
-        coordinates=coordinates,
+        coordinates=coordinate_names(omega, is_mode, out_of_plane),
         ports=ports.changed(lambda rows: rows @ basis),
         points=points,
         stress=neck_stress(continuum, points, basis),
@@ -305,7 +299,8 @@ def project(
     # take the modes out, then what the responses share
     within = modal_mass.T @ response
     rest = response - shapes @ within
-    stiff_rest = _effective(continuum, loads) - modal_mass @ (omega[:, None] ** 2 * within)
+    effective = np.where(continuum.free[:, None], loads, 0.0)
+    stiff_rest = effective - modal_mass @ (omega[:, None] ** 2 * within)
     mass_rest = _mass(continuum, attached, rest)
     self_mass = np.einsum("ij,ij->j", response, _mass(continuum, attached, response))
     left = np.einsum("ij,ij->j", rest, mass_rest)
@@ -324,10 +319,6 @@ def project(
     all_omega = np.concatenate((omega, np.sqrt(np.clip(squares, 0.0, None))))
     is_mode = np.arange(all_omega.size) < count
     return all_omega, np.column_stack((shapes, residual)), is_mode
-
-
-def _effective(continuum: Continuum, loads: Array) -> Array:
-    return np.where(continuum.free[:, None], loads, 0.0)
 
 
 def _mass(continuum: Continuum, attached: Sequence[AttachedMass], u: Array) -> Array:

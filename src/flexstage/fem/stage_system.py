@@ -7,6 +7,7 @@ from typing import Literal
 
 import ngsolve as ng
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
@@ -289,6 +290,16 @@ def side_by_side(parts: Sequence[Ports], sizes: Sequence[int]) -> Ports:
         heated=wider[0].heated,
         turned=wider[0].turned,
     )
+
+
+def coordinate_names(omega: Array, is_mode: NDArray[np.bool_], out_of_plane: bool) -> list[str]:
+    """Return the names of coordinates that are modes or static responses."""
+    where = "out of plane, " if out_of_plane else ""
+    return [
+        f"{where}{'mode' if m else 'static response'} {i + 1} ({w / (2.0 * math.pi):.5g} Hz) "
+        "[kg^0.5 m]"
+        for i, (w, m) in enumerate(zip(omega, is_mode, strict=True))
+    ]
 
 
 def turned_bodies(stage: Stage) -> tuple[str, ...]:

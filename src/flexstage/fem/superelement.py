@@ -17,7 +17,7 @@ from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.coupling import Joint, join, joined_stress, lowest, stacked
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.necks import ALONG
-from flexstage.fem.stage_system import Supports, stage_system
+from flexstage.fem.stage_system import Supports, coordinate_names, stage_system
 from flexstage.fem.substructure import Placed, Substructure, cut_free, in_space
 from flexstage.fem.whole_stage import common_validity
 from flexstage.files.cache.cache import Cache
@@ -239,12 +239,7 @@ def _joined(
     bases, omegas, names = [], [], []
     for k, joint in enumerate(joints):
         omega, basis, is_mode = lowest(joint, STAGE_MODES if k == 0 else STAGE_MODES // 2)
-        where = "out of plane, " if k else ""
-        names += [
-            f"{where}{'mode' if m else 'static response'} {i + 1} "
-            f"({w / (2.0 * math.pi):.5g} Hz) [kg^0.5 m]"
-            for i, (w, m) in enumerate(zip(omega, is_mode, strict=True))
-        ]
+        names += coordinate_names(omega, is_mode, out_of_plane=k > 0)
         bases.append(basis)
         omegas.append(omega)
     return stacked(joints), np.asarray(block_diag(*bases)), np.concatenate(omegas), tuple(names)

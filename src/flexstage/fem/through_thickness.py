@@ -8,11 +8,9 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 
 from flexstage.base.arrays import Array
-from flexstage.base.errors import ModelError
 
 _POINTS = 16  # of each piece: exact for products of the functions of every piece
 _THINNER = 0.25  # the second layer, in parts of the first
-_LARGEST_LAYER = 0.5  # of half the thickness
 # Where the stress is looked for through half of the thickness, in parts of it, and below the faces
 # of the plate, in depths of the layer there. The largest is where plane strain ends.
 _INSIDE, _BELOW = (0.0, 0.5), (0.5, 0.25, 0.125, 0.0)
@@ -70,15 +68,6 @@ class ThroughThickness:
     """True if the motion is that out of the plane."""
     fine: bool = False
     """True if a second layer, a quarter as deep, has functions too, for stress near the faces."""
-
-    def __post_init__(self) -> None:
-        if self.layer is None:
-            return
-        if not 0.0 < self.layer <= _LARGEST_LAYER * self.thickness / 2.0 * (1.0 + 1e-9):
-            raise ModelError(
-                "the layer below the faces of a plate must be above 0 and up to a quarter of its "
-                f"thickness deep, {self.thickness / 4.0:g} m, got {self.layer!r}"
-            )
 
     @property
     def in_space(self) -> bool:

@@ -19,7 +19,7 @@ from flexstage.lumped.reduction import (
     transfer_function,
 )
 from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
-from flexstage.lumped.symbols import generic_body, generic_hinge, upright
+from flexstage.lumped.symbols import generic_body, generic_hinge, quadratic, upright
 from flexstage.stage import Stage
 from flexstage.system.requests import EquationsRequest
 
@@ -225,9 +225,7 @@ def _body_energy() -> SheetSection:
 def _hinge_energy(model: SymbolicModel) -> SheetSection:
     hinge = generic_hinge()
     u, v, t = sp.symbols("u v vartheta", real=True)
-    k, c = hinge.stiffness, hinge.damping
-    short = (k["uu"] * u**2 + k["vv"] * v**2 + k["tt"] * t**2) / 2
-    short += k["uv"] * u * v + k["ut"] * u * t + k["vt"] * v * t
+    short = quadratic(hinge.stiffness, (u, v, t))
     items: list[Item] = [
         Paragraph(
             text="Hinge between bodies a and b: lever arms X, Y from the centres of mass to the "
@@ -270,9 +268,7 @@ def _hinge_energy(model: SymbolicModel) -> SheetSection:
             )
         )
         rates = sp.symbols(r"\dot{u} \dot{v} \dot{\vartheta}", real=True)
-        D = (c["uu"] * rates[0] ** 2 + c["vv"] * rates[1] ** 2 + c["tt"] * rates[2] ** 2) / 2
-        D += c["uv"] * rates[0] * rates[1] + c["ut"] * rates[0] * rates[2]
-        items.append(Formula(left="D", right=D + c["vt"] * rates[1] * rates[2]))
+        items.append(Formula(left="D", right=quadratic(hinge.damping, rates)))
     elif model.damping == "rayleigh":
         items += [
             Paragraph(text="Rayleigh's dissipation function of the stage."),

@@ -280,8 +280,8 @@ def generic_hinge() -> GenericHinge:
     c, s = sp.symbols("c s", real=True)
     stiffness, damping = _spring("k"), _spring("c")
     deformation = _deformation(q, arms, c, s)
-    V = _quadratic(stiffness, deformation)
-    D = _quadratic(damping, _deformation(rates, arms, c, s))
+    V = quadratic(stiffness, deformation)
+    D = quadratic(damping, _deformation(rates, arms, c, s))
     forces = tuple(sp.diff(V, x) for x in q)
     damping_forces = tuple(sp.diff(D, x) for x in rates)
     return GenericHinge(
@@ -317,7 +317,8 @@ def _deformation(
     return c * dx + s * dy, c * dy - s * dx, tb - ta
 
 
-def _quadratic(k: dict[str, sp.Symbol], x: tuple[sp.Expr, ...]) -> sp.Expr:
+def quadratic(k: dict[str, sp.Symbol], x: tuple[sp.Expr, ...]) -> sp.Expr:
+    """Return the energy of a spring or the dissipation of a damper of a hinge."""
     u, v, t = x
     return (k["uu"] * u**2 + k["vv"] * v**2 + k["tt"] * t**2) / 2 + (
         k["uv"] * u * v + k["ut"] * u * t + k["vt"] * v * t

@@ -411,25 +411,14 @@ class CoupledAxes:
         )
         return span * solution.x[:d]
 
-    def _plane(self) -> tuple[int, int, tuple[int, ...]]:
-        """Rows of the first two displacements, and of the rotations."""
-        straight = [i for i, unit in enumerate(self.units) if unit == "m"]
-        turning = tuple(i for i, unit in enumerate(self.units) if unit == "rad")
-        if len(straight) < 2 or len(turning) > 1:
-            raise ModelError(
-                "a workspace needs two displacements and at most one rotation: the axes are "
-                f"{', '.join(f'{a} [{u}]' for a, u in zip(self.names, self.units, strict=True))}"
-            )
-        return straight[0], straight[1], turning
-
     @property
     def workspace(self) -> ReachableArea | None:
-        """Workspace of all drives together; None unless two displacements are axes."""
-        try:
-            first, second, turning = self._plane()
-        except ModelError:
+        """Workspace of all drives, in two displacements and at most one rotation; else None."""
+        straight = [i for i, unit in enumerate(self.units) if unit == "m"]
+        turning = [i for i, unit in enumerate(self.units) if unit == "rad"]
+        if len(straight) < 2 or len(turning) > 1:
             return None
-        rows = [first, second, *turning]
+        rows = [*straight[:2], *turning]
         reach = self.jacobian[rows] * np.ptp(self.strokes, axis=1)
         return ReachableArea(
             axes=tuple(self.names[i] for i in rows),

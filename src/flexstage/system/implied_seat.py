@@ -58,8 +58,6 @@ class ImpliedSeat:
     """Its standard uncertainty."""
     added_interval: tuple[float, float]
     """Its two-sided 95 % interval; not negative."""
-    one_mode_stiffness: float
-    """The same stiffness by one mode, k_in [(f/f0)^2 - 1]."""
     seat_interval: tuple[float, float]
     """Two-sided 95 % interval of the stiffness of the seat in series with the drive."""
     seat_stiffness: float | None
@@ -68,12 +66,10 @@ class ImpliedSeat:
     """Part of the free stroke that a linear seat of this stiffness would leave by one mode [1]."""
     measured_share: float | None
     """Part of the free stroke that the measured stroke is [1]; None without a measured stroke."""
-    stroke_stiffness: float | None
-    """Stiffness of a linear seat that leaves the measured stroke."""
     least_stroke_stiffness: float | None
-    """The same, of a stack with a free stroke at the upper end of its tolerance."""
-    free_stroke: float | None
-    """Free stroke that leaves the measured stroke on rigid seats [m]."""
+    """Stiffness of a linear seat that leaves the measured stroke of a stack with a free stroke at
+    the upper end of its tolerance.
+    """
     closed_hz: Mapping[str, float]
     """Frequency at half stroke with each of `CONTACTS` closed, whose preload makes the measured
     frequency at rest, or its upper bound [Hz].
@@ -95,7 +91,6 @@ def implied_seat(
     measured: Estimate,
     *,
     measured_stroke: float | None = None,
-    bare_uncertainty: float = BARE_UNCERTAINTY,
 ) -> ImpliedSeat:
     r"""Return what a measured natural frequency would say of the seat of the drive of an axis.
 
@@ -119,8 +114,6 @@ def implied_seat(
         Its measured frequency [Hz] with its uncertainty.
     measured_stroke : float, optional
         Reading of the probe that was measured over the whole stroke of the drive [m].
-    bare_uncertainty : float
-        Relative standard uncertainty of the computed frequency without drives [1].
 
     Returns
     -------
@@ -130,8 +123,8 @@ def implied_seat(
     Raises
     ------
     ModelError
-        There is no such axis, several drives move it, or its drive is a pure force; or an
-        uncertainty is negative.
+        There is no such axis, several drives move it, or its drive is a pure force; or the
+        frequency is not positive.
 
     Notes
     -----
@@ -139,10 +132,10 @@ def implied_seat(
     normal. A contact has its tangent in the frequency, and a secant in the stroke.
     """
     drive, port = _driven(stage, system, axis)
-    if measured.value <= 0.0 or bare_uncertainty < 0.0:
-        raise ModelError("a frequency must be positive, and its uncertainty not negative")
+    if measured.value <= 0.0:
+        raise ModelError("a frequency must be positive")
     added = _AddedStiffness(system, port, drive.spring)
-    f, u = measured.value, math.hypot(measured.uncertainty / measured.value, bare_uncertainty)
+    f, u = measured.value, math.hypot(measured.uncertainty / measured.value, BARE_UNCERTAINTY)
     ends = [added(f * math.exp(sign * _NORMAL * u)) for sign in (-1.0, 1.0)]
     interval = (max(ends[0], 0.0), max(ends[1], 0.0))
     here, slope = added(f), (added(f * (1.0 + _STEP)) - added(f * (1.0 - _STEP))) / (2.0 * _STEP)
@@ -150,10 +143,9 @@ def implied_seat(
     k_in, ratio = pushed.input_stiffness, pushed.output_displacement / pushed.input_displacement
     bound = here <= 0.0
     seats = (_seat(interval[0], drive.spring), _seat(interval[1], drive.spring))
-    share = stroke = None
+    share = None
     if measured_stroke is not None and drive.stroke:
-        stroke = measured_stroke / ratio
-        share = stroke / drive.stroke
+        share = measured_stroke / ratio / drive.stroke
     seat = None if bound else _seat(here, drive.spring)
     return ImpliedSeat(
         axis=axis,
@@ -164,18 +156,13 @@ def implied_seat(
         added_stiffness=here,
         added_uncertainty=slope * u,
         added_interval=interval,
-        one_mode_stiffness=k_in * ((f / added.bare_hz) ** 2 - 1.0),
         seat_interval=seats,
         seat_stiffness=seat,
         share_left=max(1.0 - (added.bare_hz / f) ** 2, 0.0),
         measured_share=share,
-        stroke_stiffness=None if share is None else _seat_of_share(share, k_in, drive.spring),
         least_stroke_stiffness=None
         if share is None
         else _seat_of_share(share / (1.0 + STROKE_TOLERANCE), k_in, drive.spring),
-        free_stroke=None
-        if stroke is None
-        else stroke * (1.0 if drive.spring is None else 1.0 + k_in / drive.spring),
         closed_hz=_closed(drive, added, k_in, seats[1] if seat is None else seat),
     )
 

@@ -440,17 +440,12 @@ class MechanicalSystem:
         Raises
         ------
         ModelError
-            There is no such direction; or the bodies bend, or drives with a mass are in place, in a
-            rotation.
+            The bodies bend, or drives with a mass are in place, in a rotation.
         """
         if direction == "rotation":
             force = self.M @ self._rotation()
-        elif direction in ("x", "y"):
-            force = self.load(f"gravity {direction}").vector / STANDARD_GRAVITY
         else:
-            raise ModelError(
-                f"the ground moves along x or y, or in rotation, got '{direction}': name one"
-            )
+            force = self.load(f"gravity {direction}").vector / STANDARD_GRAVITY
         for d in self.drives:
             if condition == "removed" or d.ends is None:
                 continue

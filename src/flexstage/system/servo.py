@@ -10,7 +10,7 @@ the loop itself.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -154,6 +154,12 @@ class ServoSettings:
             if value is not None and not 0.0 < value < math.inf:
                 noun = "low-pass" if name == "lowpass_hz" else "second integral"
                 raise ModelError(f"the {noun} must be positive and finite, got {value!r}")
+
+    def scaled(self, factor: float) -> "ServoSettings":
+        """Return the settings with both gains times a factor."""
+        return replace(
+            self, integral=factor * self.integral, proportional=factor * self.proportional
+        )
 
     def sections(self, sample_rate_hz: float) -> NDArray[np.float64]:
         """Return the filters of the error, one row of b0, b1, b2, a1, a2 (a0 = 1) each."""

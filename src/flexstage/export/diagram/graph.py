@@ -1,7 +1,8 @@
 """A diagram as data: blocks, lines and groups, its builder, and its equations."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -94,7 +95,7 @@ class BlockGroup:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagram:
-    """A structural diagram; an inconsistent one is refused."""
+    """A structural diagram."""
 
     title: str
     """Title."""
@@ -109,60 +110,12 @@ class Diagram:
     units: Mapping[str, str] = field(default_factory=dict)
     """Unit of each ``input`` and ``output`` block, by its name."""
 
-    def __post_init__(self) -> None:
-        for fault in self._faults():
-            raise ModelError(fault)
-
-    def _faults(self) -> Iterator[str]:
-        """Yield inconsistencies."""
-        by_name = {b.name: b for b in self.blocks}
-        if len(by_name) != len(self.blocks):
-            yield "two blocks of a diagram have the same name"
-        groups = {g.name for g in self.groups}
-        for b in self.blocks:
-            if not (b.name.isidentifier() and b.name.isascii()) or b.name.startswith("_"):
-                yield f"the name of a block must be letters, digits and underscores, got '{b.name}'"
-            if b.group and b.group not in groups:
-                yield f"block '{b.name}' is in group '{b.group}', which does not exist"
-            if b.kind == "gain" and (b.matrix is None or b.matrix.shape[0] != b.width):
-                yield f"gain '{b.name}' needs a matrix of {b.width} rows"
-        ends = {b.name: (b.inputs, int(b.kind != "output")) for b in self.blocks}
-        yield from wiring_faults(ends, [(x.source, 0, x.target, x.port) for x in self.lines])
-        for line in self.lines:
-            source, target = by_name[line.source], by_name[line.target]
-            takes = target.width if target.matrix is None else target.matrix.shape[1]
-            if source.width != takes:
-                yield (f"'{source.name}' has {source.width} signals, '{target.name}' needs {takes}")
-
     def block(self, name: str) -> Block:
         """Return a block by name."""
         for b in self.blocks:
             if b.name == name:
                 return b
         raise ModelError(f"the diagram has no block '{name}'")
-
-
-def wiring_faults(
-    ends: Mapping[str, tuple[int, int]], lines: Iterable[tuple[str, int, str, int]]
-) -> Iterator[str]:
-    """Yield faults of the lines between blocks: every input must have exactly one.
-
-    `ends` has the numbers of inputs and outputs of blocks; lines are source, output, target and
-    input, counted from 0.
-    """
-    connected: set[tuple[str, int]] = set()
-    for source, output, target, port in lines:
-        if source not in ends or target not in ends:
-            yield f"a line joins '{source}' and '{target}', of which one does not exist"
-        elif not 0 <= output < ends[source][1]:
-            yield f"block '{source}' has no output {output}"
-        elif not 0 <= port < ends[target][0] or (target, port) in connected:
-            yield f"input {port} of block '{target}' does not exist or has another line"
-        connected.add((target, port))
-    for name, (inputs, _) in ends.items():
-        for port in range(inputs):
-            if (name, port) not in connected:
-                yield f"input {port} of block '{name}' has no line"
 
 
 SignalKind = Literal["motion", "rate", "force", "other"]
@@ -330,18 +283,11 @@ class GroupBuilder:
         )
 
 
-_NONLINEAR = ("hysteresis", "amplifier", "creep", "sensor")
-
-
-def diagram_state_space(
-    diagram: Diagram, *, nonlinear: Literal["refuse", "pass", "cut"] = "refuse"
-) -> StateSpace:
+def diagram_state_space(diagram: Diagram) -> StateSpace:
     """Return the state space of a diagram; states are those of its integrators.
 
-    Inputs and outputs have the names of their blocks, one entry for each signal.
-
-    Hysteresis, amplifiers, creep and sensors are refused (``refuse``) or replaced by 1 (``pass``),
-    or the output of the last of them becomes an input (``cut``).
+    Inputs and outputs have the names of their blocks, one entry for each signal. Hysteresis,
+    amplifiers, creep and sensors are replaced by 1.
 
     Examples
     --------
@@ -359,24 +305,39 @@ def diagram_state_space(
     >>> diagram_state_space(Diagram(title="lag", blocks=blocks, lines=lines)).A
     array([[-3.]])
     """
-    if nonlinear == "refuse":
-        for b in diagram.blocks:
-            if b.kind in _NONLINEAR:
-                raise ModelError(
-                    f"block '{b.name}' is not linear but a {b.kind}: use nonlinear='pass' or 'cut'"
-                )
-    walk = _Walk(diagram, cut=nonlinear == "cut")
-    integrators = [b for b in diagram.blocks if b.kind == "integrator"]
-    outputs = [b for b in diagram.blocks if b.kind == "output"]
-    n = walk.state_count
-    derivative = np.vstack([np.zeros((0, walk.size)), *(walk.into(b) for b in integrators)])
-    reading = np.vstack([np.zeros((0, walk.size)), *(walk.into(b) for b in outputs)])
+    blocks = {b.name: b for b in diagram.blocks}
+    sources: dict[str, dict[int, str]] = {name: {} for name in blocks}
+    for line in diagram.lines:
+        sources[line.target][line.port] = line.source
+    integrators, inputs, outputs = (
+        [b for b in diagram.blocks if b.kind == kind] for kind in ("integrator", "input", "output")
+    )
+    states = sum(b.width for b in integrators)
+    unit = np.eye(states + sum(b.width for b in inputs))
+    # the signals of each block as rows over the states and inputs
+    rows: dict[str, Array] = {}
+    first = 0
+    for b in (*integrators, *inputs):
+        rows[b.name] = unit[first : first + b.width]
+        first += b.width
+    order = TopologicalSorter({n: s.values() for n, s in sources.items() if n not in rows})
+    try:
+        for name in order.static_order():
+            if name not in rows:
+                fed = [rows[source] for _, source in sorted(sources[name].items())]
+                rows[name] = _output(blocks[name], fed)
+    except CycleError as error:
+        raise ModelError(
+            f"the lines through '{error.args[1][0]}' form a loop without an integrator"
+        ) from error
+    derivative = np.vstack([unit[:0], *(rows[sources[b.name][0]] for b in integrators)])
+    reading = np.vstack([unit[:0], *(rows[b.name] for b in outputs)])
     return StateSpace(
-        A=derivative[:, :n],
-        B=derivative[:, n:],
-        C=reading[:, :n],
-        D=reading[:, n:],
-        inputs=_each(walk.sources),
+        A=derivative[:, :states],
+        B=derivative[:, states:],
+        C=reading[:, :states],
+        D=reading[:, states:],
+        inputs=_each(inputs),
         outputs=_each(outputs),
     )
 
@@ -385,82 +346,7 @@ def _each(blocks: list[Block]) -> tuple[str, ...]:
     return tuple(b.name for b in blocks for _ in range(b.width))
 
 
-class _Walk:
-    """Outputs of all blocks as rows over the states and inputs."""
-
-    def __init__(self, diagram: Diagram, *, cut: bool) -> None:
-        self._blocks = {b.name: b for b in diagram.blocks}
-        self._feeds: dict[str, dict[int, str]] = {}
-        for line in diagram.lines:
-            self._feeds.setdefault(line.target, {})[line.port] = line.source
-        readers: dict[str, list[str]] = {}
-        for line in diagram.lines:
-            readers.setdefault(line.source, []).append(line.target)
-        self.sources = [
-            b
-            for b in diagram.blocks
-            if (b.kind == "input" and not (cut and self._only_nonlinear(b, readers)))
-            or (cut and self._last_nonlinear(b, readers))
-        ]
-        integrators = [b for b in diagram.blocks if b.kind == "integrator"]
-        self.state_count = sum(b.width for b in integrators)
-        self.size = self.state_count + sum(b.width for b in self.sources)
-        self._outputs: dict[str, Array] = {}
-        first = 0
-        for b in (*integrators, *self.sources):
-            rows = np.zeros((b.width, self.size))
-            rows[:, first : first + b.width] = np.eye(b.width)
-            self._outputs[b.name] = rows
-            first += b.width
-        self._order()
-
-    def _only_nonlinear(self, block: Block, readers: dict[str, list[str]]) -> bool:
-        """Return whether an input is connected to nonlinear blocks only, before the cut."""
-        to = readers.get(block.name, [])
-        return bool(to) and all(self._blocks[t].kind in _NONLINEAR[:3] for t in to)
-
-    def _last_nonlinear(self, block: Block, readers: dict[str, list[str]]) -> bool:
-        # not at a sensor: its lag and offset belong to the reading, not to the stage
-        return block.kind in _NONLINEAR[:3] and not self._only_nonlinear(block, readers)
-
-    def _order(self) -> None:
-        """Compute all blocks, each after its sources."""
-        for start in self._blocks:
-            path, on_path = [start], {start}
-            while path:
-                name = path[-1]
-                block = self._blocks[name]
-                if name in self._outputs or block.kind == "output":
-                    on_path.discard(path.pop())
-                    continue
-                fed = self._feeds.get(name, {}).values()
-                missing = next((s for s in fed if s not in self._outputs), None)
-                if missing is None:
-                    self._outputs[name] = self._value(block)
-                elif missing in on_path:
-                    raise ModelError(
-                        f"the lines through '{missing}' form a loop without an integrator"
-                    )
-                else:
-                    path.append(missing)
-                    on_path.add(missing)
-
-    def _value(self, block: Block) -> Array:
-        if block.kind == "input":
-            # before the cut: not used
-            return np.zeros((block.width, self.size))
-        if block.kind == "sum":
-            feeds = self._feeds[block.name]
-            return sum(
-                (sign * self._outputs[feeds[port]] for port, sign in enumerate(block.signs)),
-                start=np.zeros((block.width, self.size)),
-            )
-        rows = self._outputs[self._feeds[block.name][0]]
-        if block.kind == "gain":
-            assert block.matrix is not None
-            return block.matrix @ rows
-        return rows
-
-    def into(self, block: Block) -> Array:
-        """Return the input of a block, as rows over the states and inputs."""
-        return self._outputs[self._feeds[block.name][0]]
+def _output(block: Block, fed: list[Array]) -> Array:
+    if block.kind == "sum":
+        return np.sum([sign * x for sign, x in zip(block.signs, fed, strict=True)], axis=0)
+    return fed[0] if block.matrix is None else block.matrix @ fed[0]

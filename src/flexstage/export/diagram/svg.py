@@ -23,7 +23,6 @@ from flexstage.export.svg import document, element, moved, number, path, text_wi
 from flexstage.files.names import file_names
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.stage import Stage
-from flexstage.system import RayleighDamping
 
 #: Colour, dashes and name of each kind of line.
 LINES: dict[SignalKind, tuple[str, str | None, str]] = {
@@ -185,7 +184,7 @@ _FRAMES = {
 _LEAST_WIDTH = 900.0
 
 
-def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
+def diagram_svg(diagram: Diagram) -> bytes:
     """Return the diagram of an axis as SVG on a white background.
 
     It needs no external fonts or scripts, its names cannot clash with those of another drawing on
@@ -198,7 +197,7 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
     >>> diagram_svg(stage_diagram(design("parallelogram"), axis="x"))[:5]
     b'<?xml'
     """
-    page_layout = layout(diagram) if placed is None else placed
+    page_layout = layout(diagram)
     kinds = signal_kinds(diagram)
     used: set[SignalKind] = {kinds[source] for source in page_layout.wires}
     inner = max(page_layout.width, _LEAST_WIDTH)
@@ -229,13 +228,11 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
     )
 
 
-def diagram_files(
-    stage: Stage, *, model: DynamicModel | None = None, damping: RayleighDamping | None = None
-) -> dict[str, bytes]:
+def diagram_files(stage: Stage, *, model: DynamicModel | None = None) -> dict[str, bytes]:
     """Return the diagram of each axis with a single drive, as ``diagram-AXIS.svg``.
 
     Amplifiers, hysteresis, creep and sensors are by default those of `hysteresis.dynamic_model`;
-    damping is by default fitted to the two lowest modes. A stage without such an axis is refused.
+    damping is fitted to the two lowest modes. A stage without such an axis is refused.
 
     Examples
     --------
@@ -251,9 +248,7 @@ def diagram_files(
             "axis: export a Simulink model for the equations of the entire stage"
         )
     return {
-        f"diagram-{name}.svg": diagram_svg(
-            stage_diagram(stage, model=model, axis=axis, damping=damping)
-        )
+        f"diagram-{name}.svg": diagram_svg(stage_diagram(stage, model=model, axis=axis))
         for axis, name in axes
     }
 

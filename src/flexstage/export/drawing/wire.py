@@ -53,8 +53,6 @@ def offset_contours(contours: PlateContours, distance: float) -> tuple[WirePath,
     >>> round((plate.slots[0].area - slot.loop.integrals().area) * 1e6, 3)
     22.149
     """
-    if not 0.0 < distance < math.inf:
-        raise StageError(f"half of the kerf must be positive and finite, got {distance!r} m")
     cut = (contours.outline, *contours.slots)
     paths = tuple(_path(c, distance) for c in cut)
     sides = [Curve(*s) for c in contours.contours for s in c.loop.segments()]
@@ -252,17 +250,12 @@ def cuts(
     """Return the cuts with start holes and lead-in lines, in the order of `CUT_ORDER_RULE`.
 
     `paths` are those of `offset_contours` along the outline and the slots, `offset` is half of the
-    kerf and `start_hole` a diameter [m].
+    kerf and `start_hole` a diameter, at least the kerf [m].
 
     The start hole of a slot is far from necks, as far as space permits; that of the outline is
     outside its longest straight edge. The lead-in is straight to the nearest point of the path that
     is not on a notch, where it would leave a mark.
     """
-    if not 2.0 * offset <= start_hole < math.inf:
-        raise StageError(
-            f"the start hole must be at least as wide as the kerf, {2e3 * offset:.6g} mm, got "
-            f"{start_hole * 1e3:.6g} mm"
-        )
     sides = [Curve(*s) for c in contours.contours for s in c.loop.segments()]
     area_moments = contours.outline.loop.integrals()
     middle = area_moments.x / area_moments.area, area_moments.y / area_moments.area

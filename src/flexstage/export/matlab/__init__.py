@@ -14,7 +14,6 @@ from flexstage.export.control_object import linear_part, rest_shape, state_names
 from flexstage.export.request import StageExport
 from flexstage.export.simulink.matlab_text import KEYWORDS, cell, mat_file
 from flexstage.hysteresis import Amplifier
-from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis.model import Array
 from flexstage.stage import Stage
@@ -26,13 +25,7 @@ _TEMPLATES = ("stage_script.m", "stage_step.m")
 _LONGEST = 63 - len("_step")  # of a name in MATLAB
 
 
-def matlab_files(
-    stage: Stage,
-    system: MechanicalSystem,
-    *,
-    model: DynamicModel | None = None,
-    name: str | None = None,
-) -> dict[str, bytes]:
+def matlab_files(stage: Stage, model: DynamicModel, *, name: str | None = None) -> dict[str, bytes]:
     """Return a stage for MATLAB and Octave.
 
     ``NAME.mat`` (level 5) has the state-space matrices, continuous and discrete, mass, damping and
@@ -40,8 +33,7 @@ def matlab_files(
     makes state spaces if there is a control toolbox, draws Bode diagrams and computes a time
     response. ``NAME_step.m`` is one exact step of the full model.
 
-    A dynamic model brings its own mechanical system; without one, the usual hysteresis is used.
-    NAME, a name in MATLAB, is by default that of the stage.
+    NAME, a name in MATLAB, is by default that of the stage (`matlab_name`).
 
     Notes
     -----
@@ -51,24 +43,19 @@ def matlab_files(
     Examples
     --------
     >>> from flexstage.stage.designs import design
+    >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
-    >>> list(matlab_files(stage, lumped_system(stage)))
+    >>> list(matlab_files(stage, dynamic_model(stage, lumped_system(stage))))
     ['vgtu_piezo.mat', 'vgtu_piezo.m', 'vgtu_piezo_step.m']
     """
-    dynamic = dynamic_model(stage, system) if model is None else model
-    if not dynamic.probes:
-        raise ModelError(f"stage '{dynamic.name}' has no probe: there is nothing to read from it")
-    file_stem = matlab_name(dynamic.name) if name is None else name
-    if not re.fullmatch(rf"[A-Za-z]\w{{0,{_LONGEST - 1}}}", file_stem, re.ASCII):
-        raise ModelError(
-            f"'{file_stem}' is not a valid name in MATLAB: it must begin with a letter and have at "
-            f"most {_LONGEST} letters, digits and _"
-        )
+    if not model.probes:
+        raise ModelError(f"stage '{model.name}' has no probe: there is nothing to read from it")
+    name = name or matlab_name(model.name)
     return {
-        f"{file_stem}.mat": mat_file(contents(stage, dynamic)),
-        f"{file_stem}.m": _text(_TEMPLATES[0], file_stem, dynamic.title),
-        f"{file_stem}_step.m": _text(_TEMPLATES[1], file_stem, dynamic.title),
+        f"{name}.mat": mat_file(contents(stage, model)),
+        f"{name}.m": _text(_TEMPLATES[0], name, model.title),
+        f"{name}_step.m": _text(_TEMPLATES[1], name, model.title),
     }
 
 
@@ -353,6 +340,4 @@ def sampled_form(model: DynamicModel) -> SampledForm:
 
 def export(stage_export: StageExport) -> dict[str, bytes]:
     """Return the files of the format."""
-    return matlab_files(
-        stage_export.stage, stage_export.analysis.system, model=stage_export.dynamic
-    )
+    return matlab_files(stage_export.stage, stage_export.dynamic)

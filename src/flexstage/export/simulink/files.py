@@ -258,7 +258,7 @@ def simulink_files(
 
 
 def _fastest_pole(diagram: Diagram, model: DynamicModel | None) -> float:
-    poles = np.linalg.eigvals(diagram_state_space(diagram, nonlinear="pass").A)
+    poles = np.linalg.eigvals(diagram_state_space(diagram).A)
     omega = np.zeros(1) if model is None else model.omega
     return float(max(np.max(np.abs(poles), initial=0.0), np.max(omega)))
 
@@ -322,6 +322,10 @@ def _readme(
     }  # fmt: skip
     first = next(iter(commands.values()))
     blocks, subsystems = _counts(top)
+    items = "".join(
+        textwrap.fill(plain(note), 96, initial_indent="  - ", subsequent_indent="    ") + "\n"
+        for note in notes
+    )
     example = plain(f"assignin(get_param('{name}', 'ModelWorkspace'), '{first}', [time, command])")
     hysteresis = (
         "\nEach hysteresis function has a memory: 'clear' with its name resets it to rest. A "
@@ -347,7 +351,7 @@ Commands
 Readings, in the MATLAB workspace after a run, or in the output of sim (structures with time)
 {table(readings)}{hysteresis}
 Validity
-{"".join(_item(note) for note in notes)}
+{items}
 Tests
   The script was run in GNU Octave with substitutes for the functions of Simulink, which check that
   blocks, ports and parameters exist and that every parameter has the required size. The resulting
@@ -356,10 +360,6 @@ Tests
 
 Variables in {name}_data.mat
 {table({key: f"{shape(key):<9} {text}" for key, text in variables.meanings.items()})}"""
-
-
-def _item(note: str) -> str:
-    return textwrap.fill(plain(note), 96, initial_indent="  - ", subsequent_indent="    ") + "\n"
 
 
 def _counts(system: System) -> tuple[int, int]:

@@ -7,7 +7,6 @@ from typing import Any
 
 from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
-from flexstage.export.diagram.graph import wiring_faults
 from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted, wrapped
 from flexstage.files.names import free_name
 
@@ -92,6 +91,29 @@ class System:
     def ports(self, kind: str) -> tuple[str, ...]:
         """Return the names of the ``Inport`` or ``Outport`` blocks, by their numbers."""
         return tuple(n.name for n in self.nodes if n.kind == kind)
+
+
+def wiring_faults(
+    ends: Mapping[str, tuple[int, int]], lines: Iterable[tuple[str, int, str, int]]
+) -> Iterator[str]:
+    """Yield faults of the lines between blocks: every input must have exactly one.
+
+    `ends` has the numbers of inputs and outputs of blocks; lines are source, output, target and
+    input, counted from 0.
+    """
+    connected: set[tuple[str, int]] = set()
+    for source, output, target, port in lines:
+        if source not in ends or target not in ends:
+            yield f"a line joins '{source}' and '{target}', of which one does not exist"
+        elif not 0 <= output < ends[source][1]:
+            yield f"block '{source}' has no output {output}"
+        elif not 0 <= port < ends[target][0] or (target, port) in connected:
+            yield f"input {port} of block '{target}' does not exist or has another line"
+        connected.add((target, port))
+    for name, (inputs, _) in ends.items():
+        for port in range(inputs):
+            if (name, port) not in connected:
+                yield f"input {port} of block '{name}' has no line"
 
 
 class Wiring:

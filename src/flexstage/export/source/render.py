@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Literal
 
@@ -135,9 +135,6 @@ class CVariable:
     """Expression in C: of an instance ``s``, or ``commands[i]`` and ``readings[i]`` of the
     arguments of the functions.
     """
-    _: KW_ONLY
-    prepare: bool = False
-    """A change requires `fs_prepare`."""
 
 
 def c_variables(model: DynamicModel) -> tuple[CVariable, ...]:
@@ -242,8 +239,8 @@ def _locals(i: int, d: ModelDrive) -> list[CVariable]:
     return variables
 
 
-# a parameter: name, unit, start, description, member of its struct, whether `fs_prepare` is needed
-_Row = tuple[str, str, float, str, str, bool]
+# a parameter: name, unit, start, description, member of its struct
+_Row = tuple[str, str, float, str, str]
 
 
 def _parameters(owner: str, of: str, at: str, rows: Iterable[_Row]) -> list[CVariable]:
@@ -255,9 +252,8 @@ def _parameters(owner: str, of: str, at: str, rows: Iterable[_Row]) -> list[CVar
             start,
             f"{what} of {of}",
             f"{at}.{member}",
-            prepare=prepare,
         )
-        for name, unit, start, what, member, prepare in rows
+        for name, unit, start, what, member in rows
     ]
 
 
@@ -265,15 +261,15 @@ def _drive_parameters(i: int, d: ModelDrive) -> list[CVariable]:
     rows: list[_Row] = []
     if d.hysteresis is None:
         unit = "m/V" if d.unit == "V" else "1"
-        rows.append(("gain", unit, d.gain, "output over command", "gain", False))
+        rows.append(("gain", unit, d.gain, "output over command", "gain"))
     else:
         for t in hysteresis_code(d.hysteresis).tunable:
             if t.index is not None:
                 what, member = f"{t.description}, hysteresis", f"parameters[{t.index}]"
-                rows.append((f"hysteresis.{t.name}", t.unit, t.value, what, member, False))
+                rows.append((f"hysteresis.{t.name}", t.unit, t.value, what, member))
         if d.creep is not None:
             rate, what = d.creep.rate_per_decade, "rise of the creep in a decade of time"
-            rows.append(("creep.rate_per_decade", "1", rate, what, "creep_rate", True))
+            rows.append(("creep.rate_per_decade", "1", rate, what, "creep_rate"))
     a = d.amplifier
     if a is not None:
         low, high = a.voltage_range or (-math.inf, math.inf)
@@ -285,7 +281,7 @@ def _drive_parameters(i: int, d: ModelDrive) -> list[CVariable]:
             ("highest_voltage", "V", high, "highest voltage", "highest"),
         ):
             if math.isfinite(start):
-                rows.append((f"amplifier.{name}", unit, start, what, member, True))
+                rows.append((f"amplifier.{name}", unit, start, what, member))
     return _parameters(d.name, f"drive {d.name}", f"s->drive[{i}]", rows)
 
 
@@ -298,8 +294,8 @@ def _mode_parameters(model: DynamicModel) -> list[CVariable]:
     for i, (omega, zeta) in enumerate(modes):
         frequency, at = omega / (2.0 * math.pi), f"[{i}]"
         rows: list[_Row] = [
-            ("frequency_hz", "Hz", frequency, _NATURAL, f"frequency_hz{at}", True),
-            ("damping_ratio", "1", zeta, "damping ratio", f"damping_ratio{at}", True),
+            ("frequency_hz", "Hz", frequency, _NATURAL, f"frequency_hz{at}"),
+            ("damping_ratio", "1", zeta, "damping ratio", f"damping_ratio{at}"),
         ]
         of = f"mode {i + 1}, drives in place"
         parameters += _parameters(f"mode.{i + 1}", of, "s->modes", rows)
@@ -316,7 +312,7 @@ def _sensor_parameters(i: int, p: ModelProbe, sensor: Sensor) -> list[CVariable]
         ("mains_frequency_hz", "Hz", sensor.mains_frequency_hz, "frequency of the mains"),
         ("mains_phase", "rad", sensor.mains_phase, "phase of the mains at the first sample"),
     )
-    rows = [(n, unit, start, what, n, n == "bandwidth_hz") for n, unit, start, what in numbers]
+    rows = [(n, unit, start, what, n) for n, unit, start, what in numbers]
     of = f"the sensor of probe {p.name}"
     return _parameters(f"sensor.{p.name}", of, f"s->sensor[{i}]", rows)
 

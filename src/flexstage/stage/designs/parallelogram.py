@@ -13,7 +13,6 @@ from flexstage.stage.designs.pieces import (
     Pair,
     PlateParameters,
     at_least,
-    at_most,
     block,
     bolt_holes,
     box,
@@ -60,10 +59,10 @@ class ParallelogramParameters(PlateParameters):
         self._at_least("leg_spacing", slot, "so that a slot is between the legs")
         bolts = 2.0 * self.mounting_hole_diameter
         material = self.leg.width + 2.0 * (self.platform_overhang + self.actuator_length)
-        hole = self.mounting_hole_diameter
-        at_most("mounting_hole_diameter", hole, material - WIRE, "so that the base encloses it")
+        why = "so that the base encloses it"
+        self._at_most("mounting_hole_diameter", material - WIRE, why)
         self._at_least("leg_spacing", bolts, "for the bolts under the legs")
-        self._below("mounting_hole_diameter", "base_height")
+        self._holes_within("base_height")
 
 
 def parallelogram(p: ParallelogramParameters) -> Stage:
@@ -174,7 +173,7 @@ class DoubleParallelogramParameters(PlateParameters):
 
     def __post_init__(self) -> None:
         PlateParameters.__post_init__(self)
-        self._below("mounting_hole_diameter", "wall")
+        self._holes_within("wall")
         cut_apart(self, "clearance", "actuator_length")
         slot = self.leg.width + WIRE
         self._at_least("leg_spacing", slot, "so that a slot is between the legs")

@@ -76,13 +76,13 @@ class PlateParameters:
         """Refuse a dimension, by name, that is above a limit [m]."""
         at_most(name, getattr(self, name), limit, why)
 
-    def _below(self, name: str, limit: str) -> None:
-        """Refuse a dimension that is not below another one, both by name."""
-        value, largest = getattr(self, name), getattr(self, limit)
-        if not value < largest:
+    def _holes_within(self, limit: str) -> None:
+        """Refuse mounting holes that are not narrower than another dimension, by its name."""
+        hole, largest = self.mounting_hole_diameter, getattr(self, limit)
+        if not hole < largest:
             raise StageError(
-                f"{name} must be under the {limit} of {millimetres(largest)}, "
-                f"got {millimetres(value)}"
+                f"mounting_hole_diameter must be under the {limit} of {millimetres(largest)}, "
+                f"got {millimetres(hole)}"
             )
 
 
@@ -310,7 +310,7 @@ class DrivenPlateParameters(PlateParameters):
 
     def __post_init__(self) -> None:
         PlateParameters.__post_init__(self)
-        self._below("mounting_hole_diameter", "frame_wall")
+        self._holes_within("frame_wall")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

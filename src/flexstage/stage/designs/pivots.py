@@ -54,7 +54,7 @@ class PivotParameters(PlateParameters):
     def __post_init__(self) -> None:
         PlateParameters.__post_init__(self)
         two_sided(self.leaf, "a pivot")
-        self._below("mounting_hole_diameter", "wall")
+        self._holes_within("wall")
         cut_apart(self, "actuator_length")
         sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
         room = 0.5 * (self.leaf.root_height * cosine + WIRE) / sine
