@@ -37,6 +37,7 @@ from flexstage.lumped import (
     equilibrium,
     lumped_system,
     mechanism,
+    motion,
     nonlinear,
     stroke_path,
 )
@@ -362,6 +363,17 @@ def test_stress_of_a_bent_leaf_is_that_of_the_moment_at_its_root() -> None:
     pull = model.leaves.section_forces(state.leaves)[0, 1, 0]
     assert pull == pytest.approx(push * math.sin(state.q[2]), rel=1e-6)
     assert stress == pytest.approx(6.0 * push * along * LENGTH / (WIDTH * THIN**2), rel=1e-4)
+
+
+def test_a_free_leaf_spring_keeps_its_energy() -> None:
+    """A pendulum on a leaf, let go with its tip a fifth of the leaf's length aside."""
+    model = cantilever(LENGTH / 150.0)
+    start = equilibrium(model, {"push": 0.2 * LENGTH})
+    stiffness = start.drive_stiffness["push"]
+    period = 2.0 * math.pi * math.sqrt(model.mass[1] / stiffness)
+    run = motion(model, np.arange(31) * period / 100.0, start.q, stages=2)
+    assert np.abs(run.energy / run.energy[0] - 1.0).max() < 1e-10
+    assert run.kinetic_energy.max() > 0.5 * run.energy[0]
 
 
 @pytest.mark.slow

@@ -25,9 +25,11 @@ if TYPE_CHECKING:
         stage_arrays,
     )
     from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
+    from flexstage.lumped.time_integration import Motion, motion
 
 __all__ = [
     "Mechanism",
+    "Motion",
     "RigidBody",
     "Sight",
     "SpringHinge",
@@ -44,6 +46,7 @@ __all__ = [
     "lumped_system",
     "mathml",
     "mechanism",
+    "motion",
     "nonlinear",
     "parameter_tangents",
     "reduce_by_symmetry",

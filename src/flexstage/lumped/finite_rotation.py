@@ -270,10 +270,35 @@ class NonlinearMechanism:
             energy = energy + self.leaves.energy(self.leaf_states(q))
         return energy
 
+    def kinetic_energy(self, velocity: Array) -> Array:
+        """Return the kinetic energy T [J], shape (...)."""
+        return 0.5 * np.sum(self.mass * np.asarray(velocity) ** 2, axis=-1)
+
     def force(self, q: Array) -> Array:
-        """Return the internal forces dV/dq at one state [N, N m], shape (n,)."""
+        """Return the internal forces dV/dq [N, N m], shape (..., n)."""
         q = np.asarray(q, dtype=float)
-        return self.linearised(q, self.leaf_states(q))[1]
+        return self.damped_force(q, np.zeros_like(q), 0.0, self.leaf_states(q))[0]
+
+    def damped_force(
+        self, q: Array, velocity: Array, beta: float, state: LeafState
+    ) -> tuple[Array, "LeafStep"]:
+        """Return the forces of hinges with dampers of beta [s] times their tangent stiffness.
+
+        The forces are those when the leaves have followed the bodies from their states. The dampers
+        act on the rates of the deformations, so that rigid motion is not damped.
+        """
+        x, b = self.notches.rates(q)
+        if beta:
+            x = x + beta * self.notches.deformation_rate(b, velocity)
+        force = self.notches.gathered((self.stiffness @ x[..., None])[..., 0], b)
+        leaf = self.leaf_step(q, state)
+        if self.leaves.count:
+            spring = leaf.tangent.force
+            if beta:
+                rate = beta * self.leaf_ends.deformation_rate(leaf.rates, velocity)
+                spring = spring + (leaf.tangent.stiffness @ rate[..., None])[..., 0]
+            force = force + self.leaf_ends.gathered(spring, leaf.rates)
+        return force, leaf
 
     def leaf_step(self, q: Array, state: LeafState) -> "LeafStep":
         """Linearise the leaves at their states and those of the bodies."""

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         time_response,
     )
     from flexstage.system.seated_drives import SeatedState, static_drives
+    from flexstage.system.seated_response import SeatedResponse, seated_response
     from flexstage.system.statics import (
         AxisAnalysis,
         StaticSolution,
@@ -60,6 +61,7 @@ __all__ = [
     "ModalDamping",
     "Modes",
     "RayleighDamping",
+    "SeatedResponse",
     "SeatedState",
     "StateSpace",
     "StaticSolution",
@@ -78,6 +80,7 @@ __all__ = [
     "load_readings",
     "modes",
     "probe_stiffness",
+    "seated_response",
     "state_space",
     "static_displacements",
     "static_drives",
