@@ -77,6 +77,7 @@ def test_contacts_are_those_of_hertz(second: float) -> None:
     )
     a, b = first * np.exp(logs)
     assert seat.approach(force, 0.0) == pytest.approx(scale * integral(a, b, 0.0, 0), rel=1e-9)
+    assert seat.pressure(force) == pytest.approx(1.5 * force / (np.pi * a * b), rel=1e-9)
 
 
 def test_a_ball_approaches_by_the_square_of_its_contact_over_its_radius() -> None:

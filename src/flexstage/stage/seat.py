@@ -69,13 +69,13 @@ class BallSeat(Seat):
     """
 
     @cached_property
-    def _ellipse(self) -> tuple[float, float]:
-        """Mean radius [m] and the factor F2 of the approach."""
+    def _ellipse(self) -> tuple[float, float, float]:
+        """Mean radius [m] and the factors F1 and F2 of the size and the approach."""
         other = self.radius if self.second_radius is None else self.second_radius
         mean, ratio = math.sqrt(self.radius * other), max(self.radius, other)
         ratio = ratio / min(self.radius, other)
         if ratio < 1.0 + 1e-9:
-            return mean, 1.0
+            return mean, 1.0, 1.0
         from scipy.optimize import brentq
         from scipy.special import ellipe, ellipk
 
@@ -88,10 +88,10 @@ class BallSeat(Seat):
         m = 1.0 - axes**-2
         k, e = float(ellipk(m)), float(ellipe(m))
         f1 = (4.0 / (math.pi * m) * axes**-1.5 * math.sqrt((axes**2 * e - k) * (k - e))) ** (1 / 3)
-        return mean, 2.0 / math.pi * k / (math.sqrt(axes) * f1)
+        return mean, f1, 2.0 / math.pi * k / (math.sqrt(axes) * f1)
 
     def _depth(self, force: float) -> float:
-        mean, factor = self._ellipse
+        mean, _, factor = self._ellipse
         return factor * (9.0 * force**2 / (16.0 * mean * self.contact_modulus**2)) ** (1.0 / 3.0)
 
     def approach(self, force: float, preload: float) -> float:
@@ -99,6 +99,12 @@ class BallSeat(Seat):
 
     def stiffness(self, force: float) -> float:
         return 1.5 * force / self._depth(force) if force > 0.0 else 0.0
+
+    def pressure(self, force: float) -> float:
+        """Return the largest pressure under a force [Pa]."""
+        mean, size, _ = self._ellipse
+        cube = 6.0 * force * self.contact_modulus**2 / (math.pi**3 * mean**2)
+        return float(cube ** (1.0 / 3.0) / size**2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
