@@ -379,10 +379,22 @@ class PiController(Instrument):
         return self.profile.knows("IMP") and self._connection.has_drives
 
 
-def open_network(
-    address: str, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
+def connect_controller(
+    address: object, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
 ) -> PiController:
-    """Connect to a controller in the network: ``gcs://HOST:PORT``."""
+    """Connect to a controller by its address, or through an object of the user's own."""
+    silence = longest_silence(timeout)
+    if not isinstance(address, str):
+        link: Transport = GatewayLink(address)
+    elif urlsplit(address.strip()).scheme == "serial":
+        link = _serial_link(address)
+    else:
+        link = _network_link(address)
+    return PiController.open(link, stage, axes=axes, timeout=silence)
+
+
+def _network_link(address: str) -> TcpLink:
+    """Return the link of ``gcs://HOST:PORT``."""
     parts = urlsplit(address.strip())
     options_of(address, parts, ())
     try:
@@ -396,14 +408,11 @@ def open_network(
         raise ModelError(
             f"'{address}' names no host: write gcs://HOST:PORT, as in gcs://127.0.0.1:50000"
         )
-    link = TcpLink(parts.hostname, DEFAULT_PORT if port is None else port)
-    return PiController.open(link, stage, axes=axes, timeout=longest_silence(timeout))
+    return TcpLink(parts.hostname, DEFAULT_PORT if port is None else port)
 
 
-def open_serial(
-    address: str, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
-) -> PiController:
-    """Connect to a controller at a serial port: ``serial:///dev/ttyUSB0?baud=115200``."""
+def _serial_link(address: str) -> SerialLink:
+    """Return the link of ``serial:///dev/ttyUSB0?baud=115200``."""
     parts = urlsplit(address.strip())
     options = options_of(address, parts, ("baud",))
     baud = options.get("baud", str(DEFAULT_BAUD))
@@ -412,14 +421,4 @@ def open_serial(
         raise ModelError(f"'{address}' names no port: write serial:///dev/ttyUSB0 or serial://COM3")
     if not baud.isdecimal() or not 300 <= int(baud) <= 12_000_000:
         raise ModelError(f"the baud rate of '{address}' must be 300 to 12000000, got '{baud}'")
-    link = SerialLink(port, baud=int(baud))
-    return PiController.open(link, stage, axes=axes, timeout=longest_silence(timeout))
-
-
-def open_gateway(
-    gateway: object, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
-) -> PiController:
-    """Connect to a controller through an object of the user's own."""
-    return PiController.open(
-        GatewayLink(gateway), stage, axes=axes, timeout=longest_silence(timeout)
-    )
+    return SerialLink(port, baud=int(baud))
