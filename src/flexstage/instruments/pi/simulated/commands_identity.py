@@ -98,7 +98,7 @@ def _serial_number(state: ControllerState) -> str:
 
 def _feedforward(state: ControllerState, axis: str, word: str) -> None:
     table = unsigned(word)
-    require(table <= state.device.wave_tables, Refusal.UNKNOWN_WAVE_TABLE)
+    require(table <= state.device.tables.count, Refusal.UNKNOWN_WAVE_TABLE)
     able = Capability.FEEDFORWARD_TABLE in state.axes[axis].capabilities
     require(able, Refusal.NOT_ABLE)
     state.device.choose_wave(axis, state.device.wave_choice(axis)[0], table)
@@ -159,12 +159,12 @@ PARAMETERS = {
                           lambda s, _: 1.0 / s.device.sample_rate_hz),
     0x0F000200: Parameter("axis", "Axis", "Stage Serial Number", lambda s, _: _serial_number(s)),
     0x13000004: Parameter("system", "Wave Generator", "Max Wave Points",
-                          lambda s, _: s.device.wave_capacity),
+                          lambda s, _: s.device.tables.capacity),
     0x13000109: Parameter("system", "Wave Generator", "Wave Generator Table Rate",
-                          lambda s, _: s.device.wave_rate_divider(),
+                          lambda s, _: s.device.wave_divider,
                           set=lambda s, _, word: s.device.set_wave_rate_divider(unsigned(word))),
     0x1300010A: Parameter("system", "Wave Generator", "Number Of Waves",
-                          lambda s, _: s.device.wave_tables),
+                          lambda s, _: s.device.tables.count),
     0x16000000: Parameter("system", "Data Recorder", "Data Recorder Table Rate",
                           lambda s, _: s.device.recorder.divider,
                           set=lambda s, _, word: s.device.recorder.set_divider(unsigned(word))),
@@ -184,7 +184,7 @@ PARAMETERS = {
                           "Simulated Time runs fast: 1, in step with real time: 0",
                           lambda s, _: int(s.pace.fast)),
     0x7F000003: Parameter("system", "Twin", "Drives Taken Out: 0 or 1",
-                          lambda s, _: int(s.device.drives_removed()),
+                          lambda s, _: int(s.device.drives_out),
                           set=lambda s, _, word: s.device.remove_drives(switch(word))),
     0x7F000010: _tuning("Servo Loop Low-Pass Frequency [Hz], 0 for none", "lowpass", group="Twin"),
     0x7F000011: Parameter("axis", "Twin", "Feedforward Wave Table [V], 0 for none",

@@ -192,7 +192,7 @@ class VirtualController(ControllerCore):
         """
         states = [self._axis(axis) for axis in (self._states if axes is None else axes)]
         for state in states:
-            if self._drives_out or not (state.moving(self._sample) or state.servo):
+            if self.drives_out or not (state.moving(self._sample) or state.servo):
                 continue
             self._zeroing.pop(state, None)
             state.stop(self._sample)
@@ -214,53 +214,27 @@ class VirtualController(ControllerCore):
 
     # waveforms ------------------------------------------------------------------------------
 
-    @property
-    def wave_tables(self) -> int:
-        """Number of tables."""
-        return self._tables.count
-
-    @property
-    def wave_capacity(self) -> int:
-        """Number of samples of all tables together."""
-        return self._tables.capacity
-
-    def wave(self, table: int) -> Array:
-        """Return the samples of a table [m or V, depending on the mode of the axis]."""
-        return self._tables.samples(table)
-
-    def wave_size(self, table: int) -> int:
-        """Return the number of samples of a table."""
-        return self._tables.size(table)
-
-    def wave_room(self, table: int) -> int:
-        """Return the largest possible number of samples of a table."""
-        return self._tables.room(table)
-
     def set_wave(self, table: int, samples: Array) -> None:
         """Replace the samples of a table; an empty sequence clears it."""
         self._need_idle(table)
-        self._tables.replace(table, samples)
+        self.tables.replace(table, samples)
 
     def append_wave(self, table: int, samples: Array) -> None:
         """Add samples to those of a table."""
         self._need_idle(table)
-        self._tables.append(table, samples)
+        self.tables.append(table, samples)
 
     def _need_idle(self, table: int) -> None:
-        self._tables.known(table)
+        self.tables.known(table)
         for name, state in self._states.items():
             require(state.wave is None or table not in self._choice[name], Refusal.WAVE_RUNNING)
-
-    def wave_rate_divider(self) -> int:
-        """Return the duration of a table sample, in samples of the loop."""
-        return self._divider
 
     def set_wave_rate_divider(self, divider: int) -> None:
         """Set the duration of a table sample, in samples of the loop."""
         require(divider >= 1, Refusal.BAD_VALUE)
         for state in self._states.values():
             self._need_no_wave(state)
-        self._divider = int(divider)
+        self.wave_divider = int(divider)
 
     def wave_choice(self, axis: str) -> tuple[int, int]:
         """Return the table of an axis and that of its feedforward, 0 for none."""
@@ -275,7 +249,7 @@ class VirtualController(ControllerCore):
             self._piezo(axis)
         for number in (table, feedforward):
             if number:
-                self._tables.known(number)
+                self.tables.known(number)
         self._choice[axis] = (int(table), int(feedforward))
 
     def set_wave_cycles(self, axis: str, cycles: int) -> None:
@@ -328,7 +302,7 @@ class VirtualController(ControllerCore):
         unit, offset = scale
         samples = (self._filled(axis, table) + offset) * unit
         cycles = self._cycles[axis]
-        divider = self._divider
+        divider = self.wave_divider
         shift = float(samples[-1] - samples[0]) if onward and cycles != 1 else 0.0
         samples = check_wave(
             state, samples, cycles, divider, state.present(self._sample), shift=shift
@@ -349,7 +323,7 @@ class VirtualController(ControllerCore):
 
     def _filled(self, axis: str, table: int) -> Array:
         require(table, Refusal.NO_WAVE)
-        samples = self._tables.samples(table)
+        samples = self.tables.samples(table)
         require(samples.size, Refusal.NO_WAVE)
         return samples
 

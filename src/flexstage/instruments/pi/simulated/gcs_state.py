@@ -270,7 +270,7 @@ class ControllerState:
             require(table, Refusal.NO_WAVE)
             for number, its in ((table, scale), (feedforward, (1.0, 0.0))):
                 if number:
-                    require(self.device.wave(number).size, Refusal.WAVE_NOT_DEFINED)
+                    require(self.device.tables.samples(number).size, Refusal.WAVE_NOT_DEFINED)
                     same = read.setdefault(number, its) == its
                     require(same, Refusal.WAVE_OUT_OF_RANGE)
         for axis in self.axes:
