@@ -1,6 +1,6 @@
 """A simulated controller with its stage, in simulated time: motion of its axes."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -93,7 +93,7 @@ class VirtualController(ControllerCore):
         for state, value in states.items():
             self._need_no_wave(state)
             if value is not None:
-                states[state] = _allowed_voltage(state, value)
+                states[state] = _allowed(state, value, servo=False)
         for state in states:
             if state.servo:
                 state.switch(False)
@@ -112,16 +112,7 @@ class VirtualController(ControllerCore):
 
     def set_targets(self, targets: Mapping[str, float]) -> None:
         """Command positions [m] of one or more axes: all of them or none."""
-        self._need_drives()
-        states = {self._axis(axis): value for axis, value in targets.items()}
-        for state, value in states.items():
-            self._need_no_wave(state)
-            require(state.servo, Refusal.SERVO_OFF)
-            bounds = state.description.limits.position
-            states[state] = float(require_within(np.array([value]), bounds)[0])
-        for state, value in states.items():
-            state.go(value, self._sample, state.speed)
-        self.recorder.trigger("move", self._sample + 1)
+        self._go(targets, self._axis, servo=True)
 
     def command(self, axis: str) -> float:
         """Return the voltage command of a ramp or waveform; under control the last one [V]."""
@@ -132,14 +123,19 @@ class VirtualController(ControllerCore):
 
     def set_commands(self, commands: Mapping[str, float]) -> None:
         """Command voltages [V] in open loop of one or more axes: all of them or none."""
+        self._go(commands, self._piezo, servo=False)
+
+    def _go(
+        self, values: Mapping[str, float], find: Callable[[str], AxisState], *, servo: bool
+    ) -> None:
         self._need_drives()
-        states = {self._piezo(axis): value for axis, value in commands.items()}
+        states = {find(axis): value for axis, value in values.items()}
         for state, value in states.items():
             self._need_no_wave(state)
-            require(not state.servo, Refusal.SERVO_ON)
-            states[state] = _allowed_voltage(state, value)
+            require(state.servo == servo, Refusal.SERVO_OFF if servo else Refusal.SERVO_ON)
+            states[state] = _allowed(state, value, servo=servo)
         for state, value in states.items():
-            state.go(value, self._sample, state.largest_slew)
+            state.go(value, self._sample, state.speed if servo else state.largest_slew)
         self.recorder.trigger("move", self._sample + 1)
 
     def speed(self, axis: str) -> float:
@@ -328,6 +324,8 @@ class VirtualController(ControllerCore):
         return samples
 
 
-def _allowed_voltage(state: AxisState, value: float) -> float:
-    bounds = state.description.limits.voltage
-    return float(require_within(np.array([value]), bounds, Refusal.VOLTAGE_OUT_OF_LIMITS)[0])
+def _allowed(state: AxisState, value: float, *, servo: bool) -> float:
+    limits = state.description.limits
+    bounds = limits.position if servo else limits.voltage
+    beyond = Refusal.OUT_OF_LIMITS if servo else Refusal.VOLTAGE_OUT_OF_LIMITS
+    return float(require_within(np.array([value]), bounds, beyond)[0])
