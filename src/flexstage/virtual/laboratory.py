@@ -300,7 +300,7 @@ class HammerBench:
         self._laboratory = laboratory
         self._block = int(laboratory.hammer_rate_hz * laboratory.hammer_time)
         bare = modes(built.system, drives="removed", count=None)
-        f = np.fft.rfftfreq(self._block, 1.0 / laboratory.hammer_rate_hz)
+        f = np.fft.rfftfreq(self._block, 1.0 / laboratory.hammer_rate_hz).astype(np.float64)
         weights = {
             axis.name: built.system.probe(axis.probe).vector @ bare.shapes
             for axis in built.system.axes
