@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.base.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.limits import check_waveform, range_of
+from flexstage.instruments.limits import check_feedforward, check_waveform, range_of
 from flexstage.instruments.pi.axis import PiAxis
 from flexstage.instruments.pi.connection import Connection, describe, first_matching
 from flexstage.instruments.pi.replies import VOLTS, WireUnit, parse_array
@@ -144,11 +144,7 @@ class PiWaves(WaveGenerator):
         check_waveform(self._limits, waveform)
         needed = waveform.size * len(waveform.values)
         if feedforward is not None:
-            if waveform.quantity != "position" or feedforward.quantity != "voltage":
-                raise ModelError(
-                    "a feedforward consists of voltages for a waveform of positions, got "
-                    f"{feedforward.quantity} for {waveform.quantity}"
-                )
+            check_feedforward(self._limits, waveform, feedforward)
             if self._feedforward is None or 2 * self._count > self._tables:
                 raise ModelError(
                     "this controller cannot add voltages under position control: run the positions "
@@ -163,7 +159,6 @@ class PiWaves(WaveGenerator):
                     "a feedforward needs the number of samples and the rate of its waveform, and "
                     "no other axes"
                 )
-            check_waveform(self._limits, feedforward)
             needed += feedforward.size * len(feedforward.values)
         if needed > self.capacity:
             raise LimitError(
