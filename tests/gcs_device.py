@@ -84,10 +84,27 @@ class FormulaRecorder:
         return np.array(self.device.data[table][first : first + count])
 
 
+class FormulaTables:
+    """The tables of waveforms of a device by formula."""
+
+    count, capacity = 4, 5000
+
+    def __init__(self, device):
+        self.device = device
+
+    def samples(self, table):
+        return self.device.waves.get(table, np.empty(0))
+
+    def size(self, table):
+        return self.samples(table).size
+
+    def room(self, table):
+        return self.capacity - sum(w.size for k, w in self.device.waves.items() if k != table)
+
+
 class FormulaDevice:
     """Two axes, `piezo` (moved by a voltage, exact under control) or screws."""
 
-    wave_tables, wave_capacity = 4, 5000
     sample_rate_hz = RATE
 
     def __init__(self, kind="piezo"):
@@ -116,7 +133,7 @@ class FormulaDevice:
             vendor="flexstage", model="formula", serial_number="7", firmware="1.2", simulated=True
         )
         self.gain = dict(zip(self.axes, GAIN, strict=True))
-        self.recorder = FormulaRecorder(self)
+        self.recorder, self.tables = FormulaRecorder(self), FormulaTables(self)
         self.samples = 0
         self.calls = []
         self.fresh()
@@ -134,7 +151,7 @@ class FormulaDevice:
         self.signals = {}
         self.armed = None
         self.kept, self.data, self.first, self.filled, self.full = {}, {}, 0, 0, 0
-        self.out = False
+        self.drives_out = False
         self.blow = False
 
     @property
@@ -323,27 +340,15 @@ class FormulaDevice:
             refuse(Refusal.NOT_ABLE)
         self.state[axis].settings = settings
 
-    def wave(self, table):
-        return self.waves.get(table, np.empty(0))
-
-    def wave_size(self, table):
-        return self.wave(table).size
-
-    def wave_room(self, table):
-        return self.wave_capacity - sum(w.size for k, w in self.waves.items() if k != table)
-
     def set_wave(self, table, samples):
-        if samples.size > self.wave_room(table):
+        if samples.size > self.tables.room(table):
             refuse(Refusal.TABLE_FULL)
         if any(axis.wave is not None and table in axis.choice for axis in self.state.values()):
             refuse(Refusal.WAVE_RUNNING)
         self.waves[table] = np.array(samples)
 
     def append_wave(self, table, samples):
-        self.set_wave(table, np.concatenate((self.wave(table), samples)))
-
-    def wave_rate_divider(self):
-        return self.wave_divider
+        self.set_wave(table, np.concatenate((self.tables.samples(table), samples)))
 
     def set_wave_rate_divider(self, divider):
         if not 1 <= divider <= 10000:
@@ -371,7 +376,7 @@ class FormulaDevice:
         for name in axes:
             state, limits = self.state[name], self.axes[name].limits
             unit, offset = scales[name]
-            table = tables[name] = (self.wave(state.choice[0]) + offset) * unit
+            table = tables[name] = (self.tables.samples(state.choice[0]) + offset) * unit
             if not table.size:
                 refuse(Refusal.NO_WAVE)
             low, high = limits.position if state.servo else limits.voltage
@@ -408,13 +413,10 @@ class FormulaDevice:
             self.first, self.filled = self.samples + 1, 0
             self.full = self.recorder.capacity if self.kept else 0
 
-    def drives_removed(self):
-        return self.out
-
     def remove_drives(self, removed):
         if any(axis.servo for axis in self.state.values()):
             refuse(Refusal.SERVO_ON)
-        self.out = removed
+        self.drives_out = removed
 
     def strike(self, axis):
         self.calls.append(("strike", axis))

@@ -175,7 +175,8 @@ class WithoutHammer:
 def test_a_plan_that_strikes_is_refused_before_anything_moves(tmp_path):
     plan = read_plan(find_plan("vgtu-mechanical"))
     said = "the .* has no hammer for impacts-x, impacts-y: .*; the stage has not moved"
-    with connect("twin://?seed=4&model=lumped", design("vgtu-mechanical")) as instrument:
+    address = "twin://?seed=4&model=lumped&servo_rate=1000"
+    with connect(address, design("vgtu-mechanical")) as instrument:
         with pytest.raises(PlanError, match=said):
             run_plan(plan, WithoutHammer(instrument), tmp_path / "run")
         assert not (tmp_path / "run").exists()
@@ -186,6 +187,9 @@ def test_a_plan_that_strikes_is_refused_before_anything_moves(tmp_path):
 def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatch):
     # the person sees what file is wanted, turns the table and writes it
     monkeypatch.chdir(tmp_path)
+    # a file is whole before the plan looks for it
+    monkeypatch.setattr(centre, "_QUIET", 0.0)
+    monkeypatch.setattr(centre, "_POLL", 0.0)
     (tmp_path / "turns").mkdir()
     plan = plan_from_text(
         SENSORS + "  - {name: fine, centre: {radius: 40 mm, heads: [0 deg, 92 deg, 178 deg],"
@@ -201,8 +205,9 @@ def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatc
     )
     c, s = np.cos(np.radians(23.0)), np.sin(np.radians(23.0))
     rest, left = [], []
+    address = "twin://?seed=11&model=lumped&quiet=1&scatter=0&servo_rate=1000"
 
-    with connect("twin://?seed=11&model=lumped&quiet=1&scatter=0", design("vgtu-piezo")) as twin:
+    with connect(address, design("vgtu-piezo")) as twin:
 
         def heard(what: str, _: float) -> None:
             if "turn the table and write" not in what:
@@ -226,19 +231,19 @@ def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatc
     assert all(move.true_length is None for move in step.moves)
     step = (
         "  - {name: fine, centre: {radius: 40 mm, heads: [0 deg],"
-        " records: {folder: none, wait: 1 s}}}"
+        " records: {folder: none, wait: 0.1 s}}}"
     )
     with pytest.raises(PlanError, match="give radius and heads"):
         plan_from_text(SENSORS + step.replace("radius: 40 mm, ", ""))
     again = plan_from_text(SENSORS + step)
     with (
-        connect("twin://?seed=11&model=lumped&quiet=1", design("vgtu-piezo")) as twin,
-        pytest.raises(PlanError, match=r"no record none.fine-0\.csv was written within 1 s"),
+        connect(address, design("vgtu-piezo")) as twin,
+        pytest.raises(PlanError, match=r"no record none.fine-0\.csv was written within 0\.1 s"),
     ):
         run_plan(again, twin, tmp_path / "other")
     # files of the first run would move the stage by what was
     with (
-        connect("twin://?seed=11&model=lumped&quiet=1", design("vgtu-piezo")) as twin,
+        connect(address, design("vgtu-piezo")) as twin,
         pytest.raises(PlanError, match=r"fine-0\.csv is of an earlier run"),
     ):
         run_plan(plan, twin, tmp_path / "third")

@@ -470,8 +470,8 @@ def test_a_reboot_returns_to_what_was_delivered(
         assert [getattr(device, ask)(a) for a in "12"] == [getattr(fresh, ask)(a) for a in "12"], (
             ask
         )
-    assert device.wave(3).size == 0
-    assert device.wave_rate_divider() == 1
+    assert device.tables.samples(3).size == 0
+    assert device.wave_divider == 1
     assert device.recorder.recorded == 0
 
 

@@ -269,7 +269,7 @@ def test_drives_are_handled_at_rest_only(device: VirtualController, stage: Simpl
     assert refusal(device.remove_drives, True) is Refusal.SERVO_ON
     device.set_servo("2", False)
     device.remove_drives(True)
-    assert device.drives_removed()
+    assert device.drives_out
     for call, *args in (
         (device.set_commands, {"1": 1.0}),
         (device.set_targets, {"1": 1e-6}),

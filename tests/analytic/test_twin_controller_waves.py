@@ -298,7 +298,7 @@ def test_refusals_around_tables(device: VirtualController) -> None:
         (Refusal.UNKNOWN, device.choose_wave, "1", 1, 9),
         (Refusal.UNKNOWN, device.choose_wave, "1", -1),
         (Refusal.UNKNOWN, device.set_wave, 0, TABLE),
-        (Refusal.UNKNOWN, device.wave, 9),
+        (Refusal.UNKNOWN, device.tables.samples, 9),
         (Refusal.BAD_VALUE, device.set_wave, 2, np.array([1.0, np.nan])),
         (Refusal.BAD_VALUE, device.set_wave_cycles, "1", -1),
         (Refusal.BAD_VALUE, device.set_wave_rate_divider, 0),
@@ -328,12 +328,12 @@ def test_tables_keep_what_they_were_given(device: VirtualController) -> None:
     given = TABLE.copy()
     device.set_wave(4, given)
     given[0] = 99.0
-    assert_array_equal(device.wave(4), TABLE)
+    assert_array_equal(device.tables.samples(4), TABLE)
     with pytest.raises(ValueError, match="read-only"):
-        device.wave(4)[0] = 1.0
-    assert device.wave_capacity == 2**18
-    assert device.wave_tables == 8
-    assert device.wave(3).size == 0
+        device.tables.samples(4)[0] = 1.0
+    assert device.tables.capacity == 2**18
+    assert device.tables.count == 8
+    assert device.tables.samples(3).size == 0
     assert WaveTables(2, 5).samples(2).size == 0
 
 
@@ -341,17 +341,17 @@ def test_what_is_appended_is_read_behind_what_was_there(device: VirtualControlle
     for k in range(5):
         device.append_wave(4, TABLE + k)
         given = np.concatenate([TABLE + i for i in range(k + 1)])
-        assert device.wave_size(4) == given.size
+        assert device.tables.size(4) == given.size
         if k % 2:  # read in between, or not
-            assert_array_equal(device.wave(4), given)
-    assert_array_equal(device.wave(4), given)
+            assert_array_equal(device.tables.samples(4), given)
+    assert_array_equal(device.tables.samples(4), given)
     with pytest.raises(ValueError, match="read-only"):
-        device.wave(4)[0] = 1.0
-    room = device.wave_room(4) - given.size
+        device.tables.samples(4)[0] = 1.0
+    room = device.tables.room(4) - given.size
     assert refusal(device.append_wave, 4, np.array([1.0, np.inf])).reason is Refusal.BAD_VALUE
     assert refusal(device.append_wave, 4, np.zeros(room + 1)).reason is Refusal.TABLE_FULL
     assert refusal(device.append_wave, 9, TABLE).reason is Refusal.UNKNOWN
-    assert_array_equal(device.wave(4), given)
+    assert_array_equal(device.tables.samples(4), given)
     device.set_wave(4, TABLE)
-    assert_array_equal(device.wave(4), TABLE)
-    assert device.wave_room(3) == 2**18 - TABLE.size
+    assert_array_equal(device.tables.samples(4), TABLE)
+    assert device.tables.room(3) == 2**18 - TABLE.size

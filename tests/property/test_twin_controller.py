@@ -91,7 +91,7 @@ def state(device: VirtualController) -> list[Any]:
     answers: list[Any] = [[getattr(device, ask)(a) for a in device.axes] for ask in per_axis]
     answers += [[device.channel(c.number) for c in device.channels], device.now]
     answers += [device.recorder.recorded, device.recorder.recording, device.recorder.divider]
-    return [*answers, device.wave_rate_divider(), *(list(device.wave(t)) for t in (1, 2, 3))]
+    return [*answers, device.wave_divider, *(list(device.tables.samples(t)) for t in (1, 2, 3))]
 
 
 def new_device(kind: Any) -> tuple[SimpleStage, VirtualController]:

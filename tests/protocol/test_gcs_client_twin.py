@@ -82,7 +82,7 @@ def test_it_can_do_everything_that_the_device_can(twin):
     assert controller.recorder.base_rate_hz == pytest.approx(device.sample_rate_hz, rel=1e-9)
     assert controller.recorder.capacity == device.recorder.capacity
     assert controller.recorder.signals == device.recorder.count
-    assert controller.waves.capacity == device.wave_capacity
+    assert controller.waves.capacity == device.tables.capacity
 
 
 def test_connecting_moves_and_switches_nothing(twin):
@@ -91,7 +91,7 @@ def test_connecting_moves_and_switches_nothing(twin):
         assert not device.servo_on(axis)
         assert not device.moving(axis)
         assert device.command(axis) == 6.0  # where it has set its zero
-    assert not device.drives_removed()
+    assert not device.drives_out
 
 
 def test_readings_are_those_of_the_device(twin):
@@ -145,8 +145,8 @@ def test_tables_are_as_they_were_written_to_a_picometre(twin):
     controller.axes["x"].move_to(values[0])
     controller.waves.load(Waveform(values={"x": values}, sample_rate_hz=10e3, quantity="position"))
     controller.waves.start()
-    np.testing.assert_allclose(1e-6 * device.wave(1), values, rtol=0.0, atol=0.51e-12)
-    assert device.wave_rate_divider() == 1
+    np.testing.assert_allclose(1e-6 * device.tables.samples(1), values, rtol=0.0, atol=0.51e-12)
+    assert device.wave_divider == 1
 
 
 def test_a_feedforward_is_chosen_and_taken_away(twin):
@@ -158,7 +158,7 @@ def test_a_feedforward_is_chosen_and_taken_away(twin):
     controller.waves.load(shape, feedforward=volts)
     assert device.wave_choice("1") == (1, 3)
     controller.waves.start()
-    np.testing.assert_allclose(device.wave(3), volts.values["x"], rtol=0.0, atol=0.51e-6)
+    np.testing.assert_allclose(device.tables.samples(3), volts.values["x"], rtol=0.0, atol=0.51e-6)
     while controller.waves.running():
         controller.pause(0.05)
     controller.waves.load(shape)
@@ -217,7 +217,7 @@ def test_a_blow_is_recorded_with_the_drives_out_which_are_back_for_the_next_moti
     controller.recorder.configure(signals, 10e3, 4000)
     controller.recorder.arm()
     controller.strike("y")
-    assert device.drives_removed()
+    assert device.drives_out
     while controller.recorder.available() < 4000:
         controller.pause(0.05)
     record = controller.recorder.read(0, 4000)
@@ -225,7 +225,7 @@ def test_a_blow_is_recorded_with_the_drives_out_which_are_back_for_the_next_moti
     assert force.max() > 1.0
     assert 0 < np.argmax(force) < 2000
     controller.axes["y"].set_voltage(2.0)
-    assert not device.drives_removed()
+    assert not device.drives_out
 
 
 def test_a_wave_that_is_endless_is_stopped_from_another_thread(twin):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.base.errors import ModelError
-from flexstage.hysteresis.model import Array, samples
+from flexstage.hysteresis.model import Array, HysteresisModel, samples
 
 #: Number of levels at which the two branches of a loop are compared.
 _LEVELS = 401
@@ -86,6 +86,31 @@ def loop_width(x: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> float:
     """
     _, rising, falling = loop_branches(x, y, bounds)
     return float(np.max(np.abs(falling - rising)))
+
+
+def settled_loop(
+    model: HysteresisModel, inputs: tuple[float, float], points: int
+) -> tuple[float, float]:
+    """Return width and range of the settled response to triangles over a range of inputs.
+
+    These are of the last two of four cycles, with a number of points in each branch.
+
+    Examples
+    --------
+    A play of 1 to each side adds twice that to the width, and takes it from the range:
+
+    >>> from flexstage.hysteresis import PrandtlIshlinskii
+    >>> play = PrandtlIshlinskii(gain=1.0, thresholds=np.ones(1), weights=np.ones(1))
+    >>> width, size = settled_loop(play, (0.0, 10.0), 101)
+    >>> round(width, 9), size
+    (2.0, 18.0)
+    """
+    line = np.linspace(*inputs, points)
+    cycle = np.concatenate((line, line[::-1][1:]))
+    u = np.concatenate((cycle, *(cycle[1:],) * 3))
+    bounds = np.arange(5) * (cycle.size - 1)
+    y = model.simulate(u).values[bounds[2] :]
+    return loop_width(u[bounds[2] :], y, bounds[2:] - bounds[2]), float(np.ptp(y))
 
 
 def tracking(reference: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> Tracking:

@@ -11,8 +11,8 @@ from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
-from flexstage.hysteresis.loops import loop_width
-from flexstage.hysteresis.model import Array, HysteresisModel
+from flexstage.hysteresis.loops import settled_loop
+from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.bouc_wen.law import BoucWen
 from flexstage.stage import Drive, PiezoStack, Stage
 from flexstage.stage.assumptions import LOOP_WIDTH
@@ -51,12 +51,8 @@ def usual_hysteresis(stack: PiezoStack) -> BoucWen:
             "drive in the stage file, as in 'voltage_range: [0 V, 120 V]', or export without "
             "hysteresis (--hysteresis none)"
         )
-    low, high = stack.voltage_range
-    span = high - low
-    line = np.linspace(low, high, 600)
-    cycle = np.concatenate((line, line[::-1][1:]))
-    u = np.concatenate((cycle, *(cycle[1:],) * 3))
-    bounds = np.arange(5) * (cycle.size - 1)
+    voltages = stack.voltage_range
+    span = voltages[1] - voltages[0]
     # beta + gamma is 6 over the range: past half of it h has settled within a few per cent
 
     def bouc_wen(share: float, gain: float = 1.0) -> BoucWen:
@@ -64,17 +60,12 @@ def usual_hysteresis(stack: PiezoStack) -> BoucWen:
             gain=gain / span, hysteresis_gain=share * gain / span, beta=3.7 / span, gamma=2.3 / span
         )
 
-    def settled(model: BoucWen) -> tuple[Array, Array, Array]:
-        y = model.simulate(u).values
-        late = slice(bounds[2], None)
-        return u[late], y[late], bounds[2:] - bounds[2]
-
     def excess(share: float) -> float:
-        voltage, y, ends = settled(bouc_wen(share))
-        return loop_width(voltage, y, ends) / float(np.ptp(y)) - LOOP_WIDTH
+        width, stroke = settled_loop(bouc_wen(share), voltages, 600)
+        return width / stroke - LOOP_WIDTH
 
     share = float(brentq(excess, 1e-4, 0.79, xtol=1e-12))  # type: ignore[arg-type]
-    stroke = float(np.ptp(settled(bouc_wen(share))[1]))
+    _, stroke = settled_loop(bouc_wen(share), voltages, 600)
     return bouc_wen(share, stack.free_stroke / stroke)
 
 

@@ -26,17 +26,18 @@ class Driver(NamedTuple):
 
 
 _HERE = "flexstage.instruments"
+_CONTROLLER = (f"{_HERE}.pi.controller", "connect_controller")
 #: Drivers by the scheme of their addresses; a new driver is a line here.
 DRIVERS = {
-    "gcs": Driver("gcs://HOST:PORT", f"{_HERE}.pi.controller", "open_network"),
-    "serial": Driver("serial:///dev/ttyUSB0?baud=115200", f"{_HERE}.pi.controller", "open_serial"),
+    "gcs": Driver("gcs://HOST:PORT", *_CONTROLLER),
+    "serial": Driver("serial:///dev/ttyUSB0?baud=115200", *_CONTROLLER),
     "twin": Driver(
         "twin://?seed=3&model=lumped", f"{_HERE}.pi.simulated.address", "open_twin", False
     ),
     "ni": Driver("ni://Dev1", f"{_HERE}.ni.address", "open_card"),
 }
 
-_GATEWAY = Driver("a gateway", f"{_HERE}.pi.controller", "open_gateway")
+_GATEWAY = Driver("a gateway", *_CONTROLLER)
 
 
 def connect(

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from flexstage.base.arrays import Array
-from flexstage.base.errors import LimitError
+from flexstage.base.errors import LimitError, ModelError
 from flexstage.instruments.protocol import Quantity, Waveform
 from flexstage.stage.limits import AxisLimits
 
@@ -84,6 +84,22 @@ def check_waveform(
             _check_repetition(allowed, float(v[0] - v[-1]), axis, waveform)
         if start is not None and axis in start:
             _check_start(allowed, float(start[axis]), float(v[0]), axis, waveform, tolerance)
+
+
+def check_feedforward(
+    limits: Mapping[str, AxisLimits],
+    waveform: Waveform,
+    feedforward: Waveform,
+    *,
+    cycles: int = 1,
+) -> None:
+    """Refuse a feedforward that is not voltages within their limits for a waveform of positions."""
+    if (waveform.quantity, feedforward.quantity) != ("position", "voltage"):
+        raise ModelError(
+            "a feedforward consists of voltages for a waveform of positions, got "
+            f"{feedforward.quantity} for {waveform.quantity}"
+        )
+    check_waveform(limits, feedforward, cycles=cycles)
 
 
 def range_of(limits: AxisLimits, quantity: Quantity) -> tuple[float, float] | None:

@@ -13,7 +13,7 @@ import numpy as np
 from flexstage.base import progress
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ControllerError, LimitError, ModelError, NotConnectedError
-from flexstage.instruments.limits import check_position, check_waveform
+from flexstage.instruments.limits import check_feedforward, check_position, check_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal, Waveform
 from flexstage.instruments.ramp import lead_to, require_loop
 from flexstage.records import Channel, Record
@@ -67,12 +67,7 @@ def run_waveform(
     limits = {name: axis.limits for name, axis in instrument.axes.items()}
     check_waveform(limits, waveform, cycles=cycles)
     if feedforward is not None:
-        if (waveform.quantity, feedforward.quantity) != ("position", "voltage"):
-            raise ModelError(
-                "a feedforward consists of voltages for a waveform of positions, got "
-                f"{feedforward.quantity} for {waveform.quantity}"
-            )
-        check_waveform(limits, feedforward, cycles=cycles)
+        check_feedforward(limits, waveform, feedforward, cycles=cycles)
     first = {name: float(values[0]) for name, values in waveform.values.items()}
     require_loop(instrument, first, waveform.quantity)
     duration = waveform.duration * cycles

@@ -210,18 +210,16 @@ DEFAULT_BAUD = 115200
 class SerialLink(Transport):
     """A serial port with a controller: 8 bits, no parity, 1 stop bit, no handshake.
 
-    `baud` is its rate [bit/s], `timeout` the longest time for sending a command [s].
+    `baud` is its rate [bit/s]; a command that is not sent within 5 s is an error.
     """
 
-    def __init__(self, port: str, *, baud: int = DEFAULT_BAUD, timeout: float = 5.0) -> None:
+    def __init__(self, port: str, *, baud: int = DEFAULT_BAUD) -> None:
         require_extra("serial", "serial", "a serial port", NotConnectedError)
         import serial
 
         self.name = port
         try:
-            port_object = serial.serial_for_url(
-                port, baudrate=baud, timeout=0.0, write_timeout=timeout
-            )
+            port_object = serial.serial_for_url(port, baudrate=baud, timeout=0.0, write_timeout=5.0)
         except (OSError, ValueError) as error:
             raise NotConnectedError(
                 f"cannot open the serial port {port} at {baud} bit/s: {error}; check the cable, "

@@ -141,7 +141,7 @@ def response_of_modes(
         if drives == "in place" and port.stiffness:
             gain, kind, unit = port.stiffness, "free displacement", f"{reader.unit}/m"
         weight = gain * (reader.vector @ result.shapes) * (port.vector @ result.shapes)
-        value = _sum_of_modes(result, weight, f)
+        value = sum_of_modes(result, weight, f)
     return FrequencyResponse(
         frequency_hz=f,
         value=value,
@@ -184,7 +184,8 @@ def modal_response(
     return weight @ (1.0 / dynamic)
 
 
-def _sum_of_modes(result: Modes, weight: Array, f: Array) -> NDArray[np.complex128]:
+def sum_of_modes(result: Modes, weight: Array, f: Array) -> NDArray[np.complex128]:
+    """Return the response of all modes at frequencies [Hz], shape (k,), by their weights (n,)."""
     omega = 2.0 * np.pi * f[:, None]
     natural = result.omega[None, :]
     dynamic = natural**2 - omega**2 + 2j * result.damping_ratio[None, :] * natural * omega
@@ -200,7 +201,7 @@ def _imposed(
     weight = (probe @ constraints.shapes) * (
         constraints.shapes.T @ (system.mass_matrix("in place") @ shape)
     )
-    return probe @ shape + omega**2 * _sum_of_modes(constraints, weight, f)
+    return probe @ shape + omega**2 * sum_of_modes(constraints, weight, f)
 
 
 def time_response(

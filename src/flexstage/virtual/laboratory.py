@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
 from flexstage.base.choose import has_no
 from flexstage.base.errors import ModelError
 from flexstage.records import Channel, Record
 from flexstage.system import modes
+from flexstage.system.response import sum_of_modes
 from flexstage.virtual.as_built import AsBuilt, AsBuiltAxis
 from flexstage.virtual.imperfections import ANGLES, MOTIONS
 from flexstage.virtual.sensors import LABORATORY_SENSORS, SimulatedSensor, sensor_errors
@@ -300,18 +300,17 @@ class HammerBench:
         self._laboratory = laboratory
         self._block = int(laboratory.hammer_rate_hz * laboratory.hammer_time)
         bare = modes(built.system, drives="removed", count=None)
-        f = np.fft.rfftfreq(self._block, 1.0 / laboratory.hammer_rate_hz)
-        omega = 2.0 * np.pi * f[:, None]
-        natural = bare.omega[None, :]
-        dynamic = natural**2 - omega**2 + 2j * bare.damping_ratio[None, :] * natural * omega
-        self._response: dict[tuple[str, str], NDArray[np.complex128]] = {}
-        for struck in built.system.axes:
-            for read in built.system.axes:
-                weight = (built.system.probe(struck.probe).vector @ bare.shapes) * (
-                    built.system.probe(read.probe).vector @ bare.shapes
-                )
-                value = np.sum(weight / dynamic, axis=1) * -(omega[:, 0] ** 2)
-                self._response[struck.name, read.name] = value
+        f = np.fft.rfftfreq(self._block, 1.0 / laboratory.hammer_rate_hz).astype(np.float64)
+        weights = {
+            axis.name: built.system.probe(axis.probe).vector @ bare.shapes
+            for axis in built.system.axes
+        }
+        self._response = {
+            (struck, read): sum_of_modes(bare, weights[struck] * weights[read], f)
+            * -((2.0 * np.pi * f) ** 2)
+            for struck in weights
+            for read in weights
+        }
 
     def record(self, axis: str, *, seed: int = 0) -> Record:
         """Strike along an axis; return force, and acceleration along every axis."""

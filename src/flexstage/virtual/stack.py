@@ -17,7 +17,7 @@ from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.loops import loop_width
+from flexstage.hysteresis.loops import settled_loop
 from flexstage.hysteresis.model import (
     Array,
     HysteresisModel,
@@ -145,21 +145,14 @@ def virtual_stack(
     """
     if not WIDTHS[0] <= width <= WIDTHS[1]:
         raise ModelError(f"the width of a loop must be 0.03 to 0.25 of the stroke, got {width:g}")
-    low, high = voltage_range
-    line = np.linspace(low, high, 400)
-    cycle = np.concatenate((line, line[::-1][1:]))
-    u = np.concatenate((cycle, *(cycle[1:],) * 3))
-    bounds = np.arange(5) * (cycle.size - 1)
 
     def excess(share: float) -> float:
-        y = _stack(voltage_range, 1.0, share, plays).simulate(u).values
-        late = slice(bounds[2], None)
-        return loop_width(u[late], y[late], bounds[2:] - bounds[2]) / np.ptp(y[late]) - width
+        loop, stroke = settled_loop(_stack(voltage_range, 1.0, share, plays), voltage_range, 400)
+        return loop / stroke - width
 
     share = float(brentq(excess, 1e-3, 0.95, xtol=1e-10))  # type: ignore[arg-type]
-    unit = _stack(voltage_range, 1.0, share, plays)
-    late = unit.simulate(u).values[bounds[2] :]
-    return _stack(voltage_range, stroke / float(np.ptp(late)), share, plays)
+    _, unit = settled_loop(_stack(voltage_range, 1.0, share, plays), voltage_range, 400)
+    return _stack(voltage_range, stroke / unit, share, plays)
 
 
 def _stack(

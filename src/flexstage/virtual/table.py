@@ -9,16 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.base.arrays import Array
-from flexstage.base.errors import ModelError, RecordError
+from flexstage.base.errors import ModelError
 from flexstage.centring.calibration import (
     ScaleReadings,
     against_reference,
-    self_calibration,
 )
-from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ScaleKind, exact_error
 from flexstage.centring.move import Positioner, PositionerAxis
-from flexstage.centring.procedure import CentreReading, centre_reading, table_reading
+from flexstage.centring.procedure import CentreReading, table_reading
 from flexstage.centring.table_file import RotaryTable
 from flexstage.centring.turns import whole_orders
 from flexstage.records import Channel, Record
@@ -197,9 +195,8 @@ class VirtualPositioner(Positioner):
     mounting : TableMounting
         Mounting on the table, and squareness of the axes.
     noise : float
-        Standard deviation of the position after settling [m].
-    sensor_noise : float
-        Standard deviation of a sensor reading after settling [m], in closed loop.
+        Standard deviation of the position after settling [m]; in closed loop that of the sensor is
+        added.
     quantum : float, optional
         Step of the commands [m]; by default that of a 16-bit converter over the stroke, or the
         smallest step of a screw times the ratio.
@@ -239,7 +236,6 @@ class VirtualPositioner(Positioner):
         start: tuple[float, float] = (0.0, 0.0),
         mounting: TableMounting = TableMounting(),
         noise: float = SETTLING,
-        sensor_noise: float = POSITION_NOISE,
         quantum: float | None = None,
         backlash: float = 0.0,
         seed: int = 0,
@@ -250,8 +246,7 @@ class VirtualPositioner(Positioner):
             raise ModelError(
                 f"stage '{stage.name}' must have two axes to centre a scale, got {len(stage.axes)}"
             )
-        for what, value in (("noise", noise), ("sensor noise", sensor_noise)):
-            require_size(f"the {what}", value)
+        require_size("the noise", noise)
         if any(not -1.0 <= share <= 1.0 for share in start):
             raise ModelError(f"the start must be shares of the stroke from -1 to 1, got {start!r}")
         if mode == "open loop":
@@ -264,7 +259,7 @@ class VirtualPositioner(Positioner):
             for axis in stage.axes:
                 stroke = _stroke(stage, axis.name)
                 step = stroke / 2**CONVERTER_BITS if quantum is None else quantum
-                spread = math.hypot(noise, sensor_noise)
+                spread = math.hypot(noise, POSITION_NOISE)
                 self._axes.append(VirtualAxis(axis.name, stroke, step, spread))
         super().__init__(self._axes)
         self._matrix = mounting.matrix
@@ -681,18 +676,6 @@ class VirtualBench:
         The table, with the eccentricity of the scale for the stage in the middle of its stroke.
     stage : Carrier
         The stage, such as a `flexstage.virtual.VirtualPositioner`.
-    method : {"reference", "heads alone", "eccentricity"}
-        Evaluation of the readings: against the angle reference, by
-        `flexstage.centring.calibration.against_reference`; against one another, with two heads or
-        more; or by `flexstage.centring.eccentricity.eccentricity`, which also looks for outliers
-        and correlated noise and takes longer.
-    orders : iterable of int
-        Orders of the errors that are solved for in addition to the eccentricity.
-
-    Raises
-    ------
-    RecordError
-        Method "heads alone" with one head, or an unknown method.
 
     Examples
     --------
@@ -704,23 +687,8 @@ class VirtualBench:
     49.98 um
     """
 
-    def __init__(
-        self,
-        table: VirtualTable,
-        stage: Carrier,
-        *,
-        method: Literal["reference", "heads alone", "eccentricity"] = "reference",
-        orders: Iterable[int] = range(1, 25),
-    ) -> None:
-        if method not in ("reference", "heads alone", "eccentricity"):
-            raise RecordError(
-                f"the method must be 'reference', 'heads alone' or 'eccentricity', got '{method}'"
-            )
-        if method == "heads alone" and len(table.heads) < 2:
-            raise RecordError("method 'heads alone' needs two heads or more, got 1")
+    def __init__(self, table: VirtualTable, stage: Carrier) -> None:
         self._table, self._stage = table, stage
-        self._orders = tuple(orders)
-        self._method = method
         #: Length of the true eccentricity at each measurement [m].
         self.true_lengths: list[float] = []
 
@@ -730,25 +698,13 @@ class VirtualBench:
         return self._table.apparent_eccentricity + self._stage.true_position
 
     def measure(self) -> CentreReading:
-        """Turn the table and return the eccentricity of the scale."""
+        """Turn the table and return the eccentricity of the scale, against the angle reference."""
         x, y = self._stage.true_position
         table = self._table.moved(float(x), float(y))
         record = table.record(index=len(self.true_lengths))
         self.true_lengths.append(float(np.hypot(*table.apparent_eccentricity)))
         angle, *errors = (channel.values for channel in record.channels)
-        heads = self._table.heads
-        if self._method != "eccentricity":
-            separate = against_reference if self._method == "reference" else self_calibration
-            scale_readings = ScaleReadings(
-                angle=angle, errors=np.stack(errors), heads=np.array(heads)
-            )
-            return table_reading(separate(scale_readings, self._orders), self._table.radius)
-        readings = [
-            HeadReadings(angle=angle, error=error, head_angle=alpha)
-            for alpha, error in zip(heads, errors, strict=True)
-        ]
-        return centre_reading(
-            eccentricity(
-                readings, radius=self._table.radius, kind=self._table.kind, orders=self._orders
-            )
+        readings = ScaleReadings(
+            angle=angle, errors=np.stack(errors), heads=np.array(self._table.heads)
         )
+        return table_reading(against_reference(readings, range(1, 25)), self._table.radius)

@@ -45,7 +45,6 @@ from flexstage.instruments.catalogue.entries import (
     StageEntry,
 )
 from flexstage.instruments.recording.archive import examine, file_summary
-from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.stream import STREAM_SUFFIX
 from flexstage.instruments.requests import CalibrationsRequest, OfStage, RunsRequest
 
@@ -402,29 +401,15 @@ def run_files(folder: Path) -> list[Path]:
 
 
 def _entry(path: Path, folder: Path) -> RunEntry:
+    status: RunStatus
     if path.suffix == ".h5":
         summary = file_summary(path)
-        status: RunStatus = "complete" if summary.complete else "recovered"
-        return _described(
-            summary.metadata, path, folder, status, summary.samples, summary.sample_rate_hz,
-            summary.lost,
-        )  # fmt: skip
-    recovery = examine(path)
-    return _described(
-        recovery.head.run, path, folder, "failed", recovery.samples, recovery.head.sample_rate_hz,
-        "; ".join(recovery.notes),
-    )  # fmt: skip
-
-
-def _described(
-    metadata: RunMetadata,
-    path: Path,
-    folder: Path,
-    status: RunStatus,
-    samples: int,
-    rate: float,
-    lost: str,
-) -> RunEntry:
+        metadata, samples, rate = summary.metadata, summary.samples, summary.sample_rate_hz
+        status, lost = "complete" if summary.complete else "recovered", summary.lost
+    else:
+        recovery = examine(path)
+        metadata, rate = recovery.head.run, recovery.head.sample_rate_hz
+        samples, status, lost = recovery.samples, "failed", "; ".join(recovery.notes)
     if not metadata.identifier:
         raise RecordError(f"'{path}' has no identifier of its run: flexstage did not record it")
     return RunEntry(

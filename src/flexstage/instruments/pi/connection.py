@@ -54,15 +54,7 @@ class ControllerProfile:
         >>> about.parameter("^table"), about.parameter("speed")
         (7, None)
         """
-        return _find(self.parameters, pattern)
-
-    def record_option(self, *patterns: str) -> int | None:
-        """Return the number of a record option, by the first pattern that matches one."""
-        return _find_first(self.record_options, patterns)
-
-    def trigger_option(self, *patterns: str) -> int | None:
-        """Return the number of a trigger option, by the first pattern that matches one."""
-        return _find_first(self.trigger_options, patterns)
+        return first_matching(self.parameters, pattern)
 
 
 def read_profile(client: GcsClient) -> ControllerProfile:
@@ -143,16 +135,18 @@ def _recorder_options(lines: Sequence[str]) -> tuple[dict[int, str], dict[int, s
     return sections["#recordoptions"], sections["#triggeroptions"]
 
 
-def _find(names: Mapping[int, str], pattern: str) -> int | None:
-    fitting = (n for n, name in sorted(names.items()) if re.search(pattern, name, re.IGNORECASE))
-    return next(fitting, None)
+def first_matching(names: Mapping[int, str], *patterns: str) -> int | None:
+    """Return the lowest number whose name matches, ignoring case, by the first pattern that does.
 
-
-def _find_first(names: Mapping[int, str], patterns: Sequence[str]) -> int | None:
+    Examples
+    --------
+    >>> first_matching({7: "Table Rate", 9: "Rate"}, "speed", "^rate")
+    9
+    """
     for pattern in patterns:
-        number = _find(names, pattern)
-        if number is not None:
-            return number
+        for key in sorted(names):
+            if re.search(pattern, names[key], re.IGNORECASE):
+                return key
     return None
 
 
@@ -196,6 +190,8 @@ class Connection:
         self._clock, self._sleep = clock, sleep
         #: Known states of position control, by identifier of the axis.
         self.servo: dict[str, bool] = {}
+        #: Number of axes of the controller, also of those without the stage.
+        self.axes = 0
         #: Divider of the recorder that this program has set.
         self.divider: int | None = None
         self._numbers = {key: profile.parameter(pattern) for key, pattern in _NAMES.items()}

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Self
 from urllib.parse import urlsplit
 
@@ -35,56 +34,23 @@ Range = tuple[float, float]
 _FEW_TABLES, _FEW_SAMPLES = 1, 1024
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TableMemory:
-    """Tables of a recorder or a wave generator."""
-
-    tables: int
-    """Number of tables."""
-    capacity: int
-    """Samples of each table of a recorder, or of all tables of a wave generator together."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Discovery:
-    """Axes, sensors and memory of a controller."""
-
-    axes: tuple[AxisFacts, ...]
-    """Axes of the stage."""
-    channels: tuple[ChannelFacts, ...]
-    """Sensors."""
-    base_rate_hz: float
-    """Rate of the loop [Hz]."""
-    recorder: TableMemory | None
-    """Tables of its recorder; None where there is none."""
-    waves: TableMemory | None
-    """Tables of its wave generator; None where there is none."""
-
-
-def discover(
-    connection: Connection, stage: Stage, axes: Mapping[str, str] | None = None
-) -> Discovery:
-    """Discover axes, sensors and memory by questions; `axes` are identifiers by stage axis."""
+def _axes(
+    connection: Connection, stage: Stage, axes: Mapping[str, str] | None
+) -> dict[str, PiAxis]:
+    """Return the axes of the stage; `axes` are their identifiers by name."""
     listed = [line.strip() for line in connection.client.ask("SAI?")]
+    connection.axes = len(listed)
     identifiers_of = _identifiers(listed, stage, axes)
     outputs = _outputs(connection, stage, listed, identifiers_of)
-    facts = tuple(
+    facts = [
         _axis(connection, stage, name, identifier, listed.index(identifier), outputs.get(name))
         for name, identifier in identifiers_of.items()
-    )
+    ]
     if connection.profile.knows("SVO?"):
         identifiers = [axis.identifier for axis in facts]
         states = connection.client.ask_values("SVO?", identifiers)
         connection.servo = {a: bool(on) for a, on in zip(identifiers, states, strict=True)}
-    step = connection.number_parameter("1", r"servo update time")
-    base = 0.0 if step is None or not step > 0.0 else 1.0 / step
-    return Discovery(
-        axes=facts,
-        channels=_channels(connection, facts),
-        base_rate_hz=base,
-        recorder=_recorder(connection) if base else None,
-        waves=_waves(connection, len(listed)) if base else None,
-    )
+    return {axis.name: PiAxis(connection, axis) for axis in facts}
 
 
 def _identifiers(
@@ -180,7 +146,7 @@ def _range(connection: Connection, low: str, high: str, name: str, factor: float
     return ends[0], ends[1]
 
 
-def _channels(connection: Connection, axes: Sequence[AxisFacts]) -> tuple[ChannelFacts, ...]:
+def _channels(connection: Connection, axes: Mapping[str, PiAxis]) -> tuple[ChannelFacts, ...]:
     if not connection.profile.knows("TSC?"):
         return ()
     count = connection.client.ask_whole("TSC?")
@@ -191,24 +157,29 @@ def _channels(connection: Connection, axes: Sequence[AxisFacts]) -> tuple[Channe
         name = str(number) if names is None else connection.read_parameter(str(number), names)
         word = "" if units is None else connection.read_parameter(str(number), units)
         turns = word.lower() == "urad"
-        unit = _sensor_unit(word, number, axes)
+        unit = _sensor_unit(word, number, next(iter(axes.values())).facts)
         channels.append(
             ChannelFacts(number=number, name=name, unit="rad" if turns else "m", factor=unit)
         )
     return tuple(channels)
 
 
-def _sensor_unit(word: str, number: int, axes: Sequence[AxisFacts]) -> float:
+def _sensor_unit(word: str, number: int, first: AxisFacts) -> float:
     """Return the SI value of a sensor's unit, by default that of the first axis."""
     if word.lower() == "urad":
         return 1e-6
     if not word:
-        return axes[0].unit.factor
-    unit: WireUnit = axis_unit(word, f"sensor {number}", axes[0].name)
+        return first.unit.factor
+    unit: WireUnit = axis_unit(word, f"sensor {number}", first.name)
     return unit.factor
 
 
-def _recorder(connection: Connection) -> TableMemory | None:
+def _recorder(
+    connection: Connection,
+    axes: Mapping[str, PiAxis],
+    channels: Sequence[ChannelFacts],
+    base_rate_hz: float,
+) -> PiRecorder | None:
     if not connection.profile.knows("DRC", "DRR?", "DRL?", "RTR", "DRT"):
         return None
     tables = (
@@ -218,17 +189,33 @@ def _recorder(connection: Connection) -> TableMemory | None:
     if capacity is None:
         most = connection.number_parameter("1", r"data recorder max points")
         capacity = _FEW_SAMPLES if most is None else most / tables
-    return TableMemory(tables=tables, capacity=int(capacity))
+    return PiRecorder(
+        connection,
+        axes,
+        {c.number: c for c in channels},
+        base_rate_hz=base_rate_hz,
+        capacity=int(capacity),
+        tables=tables,
+    )
 
 
-def _waves(connection: Connection, axes: int) -> TableMemory | None:
+def _waves(
+    connection: Connection,
+    axes: Mapping[str, PiAxis],
+    base_rate_hz: float,
+    recorder: PiRecorder | None,
+) -> PiWaves | None:
     if not connection.profile.knows("WAV", "WSL", "WGO", "WGC", "WTR"):
         return None
     tables = connection.number_parameter("1", r"number of waves")
     capacity = connection.number_parameter("1", r"max wave points")
-    return TableMemory(
-        tables=axes if tables is None else int(tables),
-        capacity=_FEW_SAMPLES * axes if capacity is None else int(capacity),
+    return PiWaves(
+        connection,
+        axes,
+        base_rate_hz=base_rate_hz,
+        capacity=_FEW_SAMPLES * connection.axes if capacity is None else int(capacity),
+        tables=connection.axes if tables is None else int(tables),
+        on_start=(lambda: None) if recorder is None else recorder.triggered,
     )
 
 
@@ -252,8 +239,7 @@ class PiController(Instrument):
         *,
         recorder: PiRecorder | None,
         waves: PiWaves | None,
-        channels: ChannelMap,
-        factors: Mapping[int, float],
+        channels: Sequence[ChannelFacts],
     ) -> None:
         self._connection, self._axes = connection, dict(axes)
         #: Its profile, and the client for further commands.
@@ -261,8 +247,10 @@ class PiController(Instrument):
         self.identity = connection.profile.identity
         self._recorder, self._waves = recorder, waves
         #: Its sensors by name if the controller reports it, otherwise by number.
-        self.channels = channels
-        self._factors = dict(factors)
+        self.channels = ChannelMap(
+            numbers={c.name: c.number for c in channels}, units={c.name: c.unit for c in channels}
+        )
+        self._factors = {c.number: c.factor for c in channels}
 
     @classmethod
     def open(
@@ -291,42 +279,17 @@ class PiController(Instrument):
                 clock=clock,
                 sleep=sleep,
             )
-            discovery = discover(connection, stage, axes)
-            mapped = {facts.name: PiAxis(connection, facts) for facts in discovery.axes}
-            numbers = {c.number: c for c in discovery.channels}
+            mapped = _axes(connection, stage, axes)
+            step = connection.number_parameter("1", r"servo update time")
+            channels = _channels(connection, mapped)
             recorder = waves = None
-            if discovery.recorder is not None:
-                recorder = PiRecorder(
-                    connection,
-                    mapped,
-                    numbers,
-                    base_rate_hz=discovery.base_rate_hz,
-                    capacity=discovery.recorder.capacity,
-                    tables=discovery.recorder.tables,
-                )
-            if discovery.waves is not None:
-                waves = PiWaves(
-                    connection,
-                    mapped,
-                    base_rate_hz=discovery.base_rate_hz,
-                    capacity=discovery.waves.capacity,
-                    tables=discovery.waves.tables,
-                    on_start=(lambda: None) if recorder is None else recorder.triggered,
-                )
+            if step is not None and step > 0.0:
+                recorder = _recorder(connection, mapped, channels, 1.0 / step)
+                waves = _waves(connection, mapped, 1.0 / step, recorder)
         except BaseException:
             client.close()
             raise
-        return cls(
-            connection,
-            mapped,
-            recorder=recorder,
-            waves=waves,
-            channels=ChannelMap(
-                numbers={c.name: c.number for c in discovery.channels},
-                units={c.name: c.unit for c in discovery.channels},
-            ),
-            factors={c.number: c.factor for c in discovery.channels},
-        )
+        return cls(connection, mapped, recorder=recorder, waves=waves, channels=channels)
 
     @property
     def capabilities(self) -> frozenset[Capability]:
@@ -416,10 +379,22 @@ class PiController(Instrument):
         return self.profile.knows("IMP") and self._connection.has_drives
 
 
-def open_network(
-    address: str, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
+def connect_controller(
+    address: object, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
 ) -> PiController:
-    """Connect to a controller in the network: ``gcs://HOST:PORT``."""
+    """Connect to a controller by its address, or through an object of the user's own."""
+    silence = longest_silence(timeout)
+    if not isinstance(address, str):
+        link: Transport = GatewayLink(address)
+    elif urlsplit(address.strip()).scheme == "serial":
+        link = _serial_link(address)
+    else:
+        link = _network_link(address)
+    return PiController.open(link, stage, axes=axes, timeout=silence)
+
+
+def _network_link(address: str) -> TcpLink:
+    """Return the link of ``gcs://HOST:PORT``."""
     parts = urlsplit(address.strip())
     options_of(address, parts, ())
     try:
@@ -433,14 +408,11 @@ def open_network(
         raise ModelError(
             f"'{address}' names no host: write gcs://HOST:PORT, as in gcs://127.0.0.1:50000"
         )
-    link = TcpLink(parts.hostname, DEFAULT_PORT if port is None else port)
-    return PiController.open(link, stage, axes=axes, timeout=longest_silence(timeout))
+    return TcpLink(parts.hostname, DEFAULT_PORT if port is None else port)
 
 
-def open_serial(
-    address: str, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
-) -> PiController:
-    """Connect to a controller at a serial port: ``serial:///dev/ttyUSB0?baud=115200``."""
+def _serial_link(address: str) -> SerialLink:
+    """Return the link of ``serial:///dev/ttyUSB0?baud=115200``."""
     parts = urlsplit(address.strip())
     options = options_of(address, parts, ("baud",))
     baud = options.get("baud", str(DEFAULT_BAUD))
@@ -449,14 +421,4 @@ def open_serial(
         raise ModelError(f"'{address}' names no port: write serial:///dev/ttyUSB0 or serial://COM3")
     if not baud.isdecimal() or not 300 <= int(baud) <= 12_000_000:
         raise ModelError(f"the baud rate of '{address}' must be 300 to 12000000, got '{baud}'")
-    link = SerialLink(port, baud=int(baud))
-    return PiController.open(link, stage, axes=axes, timeout=longest_silence(timeout))
-
-
-def open_gateway(
-    gateway: object, stage: Stage, *, axes: Mapping[str, str] | None, timeout: float | None
-) -> PiController:
-    """Connect to a controller through an object of the user's own."""
-    return PiController.open(
-        GatewayLink(gateway), stage, axes=axes, timeout=longest_silence(timeout)
-    )
+    return SerialLink(port, baud=int(baud))

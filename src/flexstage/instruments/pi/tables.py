@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.base.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.limits import check_waveform, range_of
+from flexstage.instruments.limits import check_feedforward, check_waveform, range_of
 from flexstage.instruments.pi.axis import PiAxis
-from flexstage.instruments.pi.connection import Connection, describe
+from flexstage.instruments.pi.connection import Connection, describe, first_matching
 from flexstage.instruments.pi.replies import VOLTS, WireUnit, parse_array
 from flexstage.instruments.protocol import Capability, Recorder, Signal, Waveform, WaveGenerator
 from flexstage.records import Channel, Record
@@ -144,11 +144,7 @@ class PiWaves(WaveGenerator):
         check_waveform(self._limits, waveform)
         needed = waveform.size * len(waveform.values)
         if feedforward is not None:
-            if waveform.quantity != "position" or feedforward.quantity != "voltage":
-                raise ModelError(
-                    "a feedforward consists of voltages for a waveform of positions, got "
-                    f"{feedforward.quantity} for {waveform.quantity}"
-                )
+            check_feedforward(self._limits, waveform, feedforward)
             if self._feedforward is None or 2 * self._count > self._tables:
                 raise ModelError(
                     "this controller cannot add voltages under position control: run the positions "
@@ -163,7 +159,6 @@ class PiWaves(WaveGenerator):
                     "a feedforward needs the number of samples and the rate of its waveform, and "
                     "no other axes"
                 )
-            check_waveform(self._limits, feedforward)
             needed += feedforward.size * len(feedforward.values)
         if needed > self.capacity:
             raise LimitError(
@@ -316,8 +311,8 @@ class PiRecorder(Recorder):
     def __init__(
         self,
         connection: Connection,
-        axes: dict[str, PiAxis],
-        channels: dict[int, ChannelFacts],
+        axes: Mapping[str, PiAxis],
+        channels: Mapping[int, ChannelFacts],
         *,
         base_rate_hz: float,
         capacity: int,
@@ -362,13 +357,13 @@ class PiRecorder(Recorder):
 
     def arm(self) -> None:
         self._require_choice()
-        option = self._connection.profile.trigger_option(*_WITH_WAVE)
+        option = first_matching(self._connection.profile.trigger_options, *_WITH_WAVE)
         self._waiting = True
         self._connection.tell(f"DRT 0 {1 if option is None else option} 0")
 
     def start(self) -> None:
         self._require_choice()
-        option = self._connection.profile.trigger_option(*_AT_ONCE)
+        option = first_matching(self._connection.profile.trigger_options, *_AT_ONCE)
         if option is None:
             raise ModelError(
                 "the recorder of this controller cannot be started immediately: it starts with "
@@ -426,7 +421,7 @@ class PiRecorder(Recorder):
         """Return source, option and SI value of one unit of a signal."""
         option = None
         if signal.kind in _OPTIONS:
-            option = self._connection.profile.record_option(*_OPTIONS[signal.kind])
+            option = first_matching(self._connection.profile.record_options, *_OPTIONS[signal.kind])
         if option is None:
             raise ModelError(
                 f"the recorder of this controller cannot record the kind '{signal.kind}': its "

@@ -130,8 +130,8 @@ _ARGUMENTS = {
     "InterfacePam": _named(lambda s: s.interface, Refusal.UNKNOWN_PARAMETER),
     "RecTableID": _integer(lambda s: range(1, s.recorder.tables + 1), Refusal.UNKNOWN_RECORD_TABLE),
     # 0 is none
-    "WaveTableID": _integer(lambda s: range(s.device.wave_tables + 1), Refusal.UNKNOWN_WAVE_TABLE),
-    "PointNumber": _integer(lambda s: range(1, s.device.wave_capacity + 1), Refusal.BAD_VALUE),
+    "WaveTableID": _integer(lambda s: range(s.device.tables.count + 1), Refusal.UNKNOWN_WAVE_TABLE),
+    "PointNumber": _integer(lambda s: range(1, s.device.tables.capacity + 1), Refusal.BAD_VALUE),
     "RecTableRate": _integer(lambda _: range(1, 10**10), Refusal.BAD_VALUE),
     "RegisterID": _integer(lambda _: range(1, 2), Refusal.BAD_VALUE),
     "TrigOutID": _integer(lambda _: _LINES, Refusal.BAD_VALUE),

@@ -25,7 +25,7 @@ from flexstage.instruments.pi.simulated.gcs_state import (
     MICRO,
     NOTCHES,
     ControllerState,
-    ServoDraft,
+    Draft,
 )
 from flexstage.instruments.protocol import Capability
 
@@ -33,9 +33,6 @@ _KINDS = {int: "INT", str: "CHAR"}
 #: Advances simulated time by the written value [s]; reads the elapsed time.
 SIMULATED_TIME = 0x7F000001
 Value = float | int | str
-Get = Callable[[ControllerState, str], Value]
-Set = Callable[[ControllerState, str, str], None]
-Edit = Callable[[ServoDraft, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,18 +47,18 @@ class Parameter:
     """Group in the list."""
     name: str
     """Name in the list."""
-    get: Get
+    get: Callable[[ControllerState, str], Value]
     """Function that returns the value, of state and item."""
     _: KW_ONLY
-    set: Set | None = None
+    set: Callable[[ControllerState, str, str], None] | None = None
     """Function that sets the value, of state, item and word."""
-    edit: Edit | None = None
-    """Function that sets a number in a draft of the position control."""
+    key: tuple[str, int] | None = None
+    """Key of its number in a draft of the position control."""
 
     @property
     def writable(self) -> bool:
         """Whether it can be set."""
-        return self.set is not None or self.edit is not None
+        return self.set is not None or self.key is not None
 
 
 def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
@@ -86,164 +83,112 @@ def listing(state: ControllerState) -> list[str]:
         items = items_of(state, parameter)
         if items:
             value = parameter.get(state, items[0])
-            kind = "FLOAT" if isinstance(value, float) else _KINDS[type(value)]
             name = parameter.name
             if parameter.item == "axis":
                 name = re.sub(r"\[um\b", "[mm" if state.model.unit == "mm" else "[um", name)
+            kind = "FLOAT" if isinstance(value, float) else _KINDS[type(value)]
             words = (0 if parameter.writable else 9, len(items), kind, parameter.group, name)
             lines.append("\t".join((f"0x{identifier:08X}=", *(str(word) for word in words))))
     return [*lines, "end of help"]
 
 
-def _speed(state: ControllerState, axis: str, word: str) -> None:
-    state.device.set_speed(axis, number(word) * state.model.scale)
-
-
-def _wave_rate(state: ControllerState, _: str, word: str) -> None:
-    state.device.set_wave_rate_divider(unsigned(word))
-
-
-def _record_rate(state: ControllerState, _: str, word: str) -> None:
-    state.device.recorder.set_divider(unsigned(word))
-
-
-def _record_tables(state: ControllerState, _: str, word: str) -> None:
-    state.recorder.use(unsigned(word))
-
-
-def _no_analogue_input(_: ControllerState, __: str, word: str) -> None:
-    """Accept only 0, since no analogue input can be the target."""
-    require(unsigned(word) == 0, Refusal.BAD_VALUE)
-
-
-def _drives(state: ControllerState, _: str, word: str) -> None:
-    state.device.remove_drives(switch(word))
+def _serial_number(state: ControllerState) -> str:
+    return state.device.identity.serial_number or "0"
 
 
 def _feedforward(state: ControllerState, axis: str, word: str) -> None:
     table = unsigned(word)
-    require(table <= state.device.wave_tables, Refusal.UNKNOWN_WAVE_TABLE)
+    require(table <= state.device.tables.count, Refusal.UNKNOWN_WAVE_TABLE)
     able = Capability.FEEDFORWARD_TABLE in state.axes[axis].capabilities
     require(able, Refusal.NOT_ABLE)
     state.device.choose_wave(axis, state.device.wave_choice(axis)[0], table)
 
 
-def _notch(quantity: str, slot: int) -> tuple[Get, Edit]:
-    def get(state: ControllerState, axis: str) -> Value:
-        return float(getattr(state.servo_draft(axis), quantity)[slot])
-
-    def edit(draft: ServoDraft, value: float) -> None:
-        getattr(draft, quantity)[slot] = value
-
-    return get, edit
+def _tuning(name: str, quantity: str, slot: int = 0, group: str = "Servo") -> Parameter:
+    """Return a parameter of the position control."""
+    key = quantity, slot
+    return Parameter("servo", group, name, lambda s, axis: s.servo_draft(axis)[key], key=key)
 
 
-def _gain(quantity: str) -> tuple[Get, Edit]:
-    def get(state: ControllerState, axis: str) -> Value:
-        return float(getattr(state.servo_draft(axis), quantity))
-
-    def edit(draft: ServoDraft, value: float) -> None:
-        setattr(draft, quantity, value)
-
-    return get, edit
+def _fixed(item: str, group: str, name: str, value: Value) -> Parameter:
+    return Parameter(item, group, name, lambda *_: value)
 
 
-def _serial_number(state: ControllerState, _: str) -> str:
-    return state.device.identity.serial_number or "0"
-
-
-def _vendor(state: ControllerState, _: str) -> str:
-    return state.device.identity.vendor
-
-
-def _facts() -> dict[int, Parameter]:
-    """Return the read-only parameters; the simulated sensors need no correction."""
-    parameters: dict[int, Parameter] = {}
-
-    def add(identifier: int, item: str, group: str, name: str, get: Get) -> None:
-        parameters[identifier] = Parameter(item, group, name, get)
-
-    terms = ("Offset [um]", "Gain", "Second Order", "Third Order", "Fourth Order")
-    for power, term in enumerate(terms):
-        value = 1.0 if power == 1 else 0.0
-        name = f"Sensor Mech. Correction {power + 1}: {term}"
-        add(0x02000200 + 0x100 * power, "channel", "Sensor", name, lambda _, __, v=value: v)
-    add(0x05000000, "channel", "Sensor", "Digital Filter Type, 0 for none", lambda _, __: 0)
-    add(0x05000001, "channel", "Sensor", "Digital Filter Bandwidth [Hz]", lambda _, __: 0.0)
-    add(0x05000002, "channel", "Sensor", "Digital Filter Order", lambda _, __: 0)
-    window = "On Target Tolerance [um]"
-    add(0x07000900, "axis", "Servo", window, lambda s, axis: s.axes[axis].window / s.model.scale)
-    add(0x07000901, "axis", "Servo", "Settling Time [s]", lambda s, axis: s.axes[axis].settle)
-    add(0x07000A00, "piezo", "Axis", "Low Voltage [V]", lambda s, axis: s.voltage_range(axis)[0])
-    add(0x07000A01, "piezo", "Axis", "High Voltage [V]", lambda s, axis: s.voltage_range(axis)[1])
-    add(0x0F000200, "axis", "Axis", "Stage Serial Number", _serial_number)
-    add(0xFFFF0007, "system", "Firmware", "Firmware Name", _vendor)
-    add(0xFFFF0008, "system", "Firmware", "Firmware Version", lambda _, __: __version__)
-    add(0xFFFF000D, "system", "Firmware", "Firmware Description", lambda *_: "simulated controller")
-    add(0xFFFF000E, "system", "Firmware", "Firmware Date", lambda *_: "none")
-    add(0xFFFF000F, "system", "Firmware", "Firmware Developer", _vendor)
-    return parameters
-
-
-def _servo_parameters() -> dict[int, Parameter]:
-    parameters: dict[int, Parameter] = {}
-
-    def add(identifier: int, group: str, name: str, both: tuple[Get, Edit]) -> None:
-        get, edit = both
-        parameters[identifier] = Parameter("servo", group, name, get, edit=edit)
-
-    add(0x07000300, "Servo", "Servo Loop P-Term [V/um]", _gain("proportional"))
-    add(0x07000301, "Servo", "Servo Loop I-Term [V/(um s)]", _gain("integral"))
-    texts = {
-        "frequency": (0x08000100, "Notch Frequency {} [Hz], 0 for none"),
-        "rejection": (0x08000200, "Notch Rejection {}: gain at the frequency"),
-        "bandwidth": (0x08000300, "Notch Bandwidth {}: twice the damping ratio of the poles"),
-    }
-    for quantity, (base, text) in texts.items():
-        for slot in range(NOTCHES):
-            add(base + slot, "Servo", text.format(slot + 1), _notch(quantity, slot))
-    add(0x7F000010, "Twin", "Servo Loop Low-Pass Frequency [Hz], 0 for none", _gain("lowpass"))
-    return parameters
-
-
-_PLAIN = {
+_CORRECTION = ("Offset [um]", "Gain", "Second Order", "Third Order", "Fourth Order")
+_NOTCHES = {
+    "frequency": (0x08000100, "Notch Frequency {} [Hz], 0 for none"),
+    "rejection": (0x08000200, "Notch Rejection {}: gain at the frequency"),
+    "bandwidth": (0x08000300, "Notch Bandwidth {}: twice the damping ratio of the poles"),
+}
+#: The parameters by number, in ascending order, as they are listed.
+PARAMETERS = {
+    # the simulated sensors need no correction
+    **{0x02000200 + 0x100 * power:
+           _fixed("channel", "Sensor", f"Sensor Mech. Correction {power + 1}: {term}",
+                  1.0 if power == 1 else 0.0)
+       for power, term in enumerate(_CORRECTION)},
+    0x05000000: _fixed("channel", "Sensor", "Digital Filter Type, 0 for none", 0),
+    0x05000001: _fixed("channel", "Sensor", "Digital Filter Bandwidth [Hz]", 0.0),
+    0x05000002: _fixed("channel", "Sensor", "Digital Filter Order", 0),
+    # no analogue input can be the target
+    0x06000500: Parameter("axis", "Axis", "ADC Channel For Target, 0 for none", lambda *_: 0,
+                          set=lambda _, __, word: require(unsigned(word) == 0, Refusal.BAD_VALUE)),
     0x07000000: Parameter("axis", "Servo", "Range Limit min [um]",
                           lambda s, axis: s.position_range(axis)[0] / s.model.scale),
     0x07000001: Parameter("axis", "Servo", "Range Limit max [um]",
                           lambda s, axis: s.position_range(axis)[1] / s.model.scale),
     0x07000200: Parameter("axis", "Servo", "Servo Loop Slew-Rate [um/s]",
-                          lambda s, axis: s.device.speed(axis) / s.model.scale, set=_speed),
+                          lambda s, axis: s.device.speed(axis) / s.model.scale,
+                          set=lambda s, axis, word:
+                          s.device.set_speed(axis, number(word) * s.model.scale)),
+    0x07000300: _tuning("Servo Loop P-Term [V/um]", "proportional"),
+    0x07000301: _tuning("Servo Loop I-Term [V/(um s)]", "integral"),
     0x07000600: Parameter("axis", "Axis", "Axis Identifier", lambda _, axis: axis),
     0x07000601: Parameter("axis", "Axis", "Axis Unit", lambda s, _: s.model.unit),
+    0x07000900: Parameter("axis", "Servo", "On Target Tolerance [um]",
+                          lambda s, axis: s.axes[axis].window / s.model.scale),
+    0x07000901: Parameter("axis", "Servo", "Settling Time [s]",
+                          lambda s, axis: s.axes[axis].settle),
+    0x07000A00: Parameter("piezo", "Axis", "Low Voltage [V]",
+                          lambda s, axis: s.voltage_range(axis)[0]),
+    0x07000A01: Parameter("piezo", "Axis", "High Voltage [V]",
+                          lambda s, axis: s.voltage_range(axis)[1]),
+    **{base + slot: _tuning(text.format(slot + 1), quantity, slot)
+       for quantity, (base, text) in _NOTCHES.items() for slot in range(NOTCHES)},
     0x0E000200: Parameter("system", "System", "Servo Update Time [s]",
                           lambda s, _: 1.0 / s.device.sample_rate_hz),
+    0x0F000200: Parameter("axis", "Axis", "Stage Serial Number", lambda s, _: _serial_number(s)),
     0x13000004: Parameter("system", "Wave Generator", "Max Wave Points",
-                          lambda s, _: int(s.device.wave_capacity)),
+                          lambda s, _: s.device.tables.capacity),
     0x13000109: Parameter("system", "Wave Generator", "Wave Generator Table Rate",
-                          lambda s, _: int(s.device.wave_rate_divider()), set=_wave_rate),
+                          lambda s, _: s.device.wave_divider,
+                          set=lambda s, _, word: s.device.set_wave_rate_divider(unsigned(word))),
     0x1300010A: Parameter("system", "Wave Generator", "Number Of Waves",
-                          lambda s, _: int(s.device.wave_tables)),
+                          lambda s, _: s.device.tables.count),
     0x16000000: Parameter("system", "Data Recorder", "Data Recorder Table Rate",
-                          lambda s, _: int(s.device.recorder.divider), set=_record_rate),
+                          lambda s, _: s.device.recorder.divider,
+                          set=lambda s, _, word: s.device.recorder.set_divider(unsigned(word))),
     0x16000200: Parameter("system", "Data Recorder", "Data Recorder Max Points",
-                          lambda s, _: int(s.device.recorder.count * s.device.recorder.capacity)),
+                          lambda s, _: s.device.recorder.count * s.device.recorder.capacity),
     0x16000201: Parameter("system", "Data Recorder", "Data Recorder Points Per Table",
-                          lambda s, _: int(s.device.recorder.capacity)),
+                          lambda s, _: s.device.recorder.capacity),
     0x16000300: Parameter("system", "Data Recorder", "Data Recorder Chan Number",
-                          lambda s, _: s.recorder.tables, set=_record_tables),
+                          lambda s, _: s.recorder.tables,
+                          set=lambda s, _, word: s.recorder.use(unsigned(word))),
     # set by SPA itself, after all other parameters
     SIMULATED_TIME: Parameter(
         "system", "Twin",
         "Simulated Time [s]: leads on by the seconds it is set to, where it runs fast",
-        lambda s, _: float(s.device.now), set=lambda _, __, ___: None),
+        lambda s, _: float(s.device.now), set=lambda *_: None),
     0x7F000002: Parameter("system", "Twin",
                           "Simulated Time runs fast: 1, in step with real time: 0",
                           lambda s, _: int(s.pace.fast)),
     0x7F000003: Parameter("system", "Twin", "Drives Taken Out: 0 or 1",
-                          lambda s, _: int(s.device.drives_removed()), set=_drives),
+                          lambda s, _: int(s.device.drives_out),
+                          set=lambda s, _, word: s.device.remove_drives(switch(word))),
+    0x7F000010: _tuning("Servo Loop Low-Pass Frequency [Hz], 0 for none", "lowpass", group="Twin"),
     0x7F000011: Parameter("axis", "Twin", "Feedforward Wave Table [V], 0 for none",
-                          lambda s, axis: int(s.device.wave_choice(axis)[1]),
-                          set=_feedforward),
+                          lambda s, axis: int(s.device.wave_choice(axis)[1]), set=_feedforward),
     0x7F000012: Parameter("axis", "Twin", "Axis Of The Stage",
                           lambda s, axis: s.axes[axis].stage_axis),
     0x7F000013: Parameter("axis", "Twin",
@@ -255,13 +200,14 @@ _PLAIN = {
                           lambda s, channel: s.channels[channel].name),
     0x7F000021: Parameter("channel", "Twin", "Channel Unit",
                           lambda s, c: "um" if s.channels[c].unit == "m" else "urad"),
-    0x06000500: Parameter("axis", "Axis", "ADC Channel For Target, 0 for none",
-                          lambda _, __: 0, set=_no_analogue_input),
+    0xFFFF0007: Parameter("system", "Firmware", "Firmware Name",
+                          lambda s, _: s.device.identity.vendor),
+    0xFFFF0008: _fixed("system", "Firmware", "Firmware Version", __version__),
+    0xFFFF000D: _fixed("system", "Firmware", "Firmware Description", "simulated controller"),
+    0xFFFF000E: _fixed("system", "Firmware", "Firmware Date", "none"),
+    0xFFFF000F: Parameter("system", "Firmware", "Firmware Developer",
+                          lambda s, _: s.device.identity.vendor),
 }  # fmt: skip
-#: The parameters by number, in ascending order.
-PARAMETERS: dict[int, Parameter] = dict(
-    sorted({**_PLAIN, **_facts(), **_servo_parameters()}.items())
-)
 
 #: Longest simulated time of one command [s].
 _LONGEST = 3600.0
@@ -279,7 +225,7 @@ def identity_line(state: ControllerState) -> str:
         vendor = f"Simulated Physik Instrumente ({vendor})"
     elif identity.simulated and "simulated" not in f"{vendor} {model}":
         model = f"{model} (simulated)"
-    fields = (vendor, model, identity.serial_number or "0", identity.firmware or __version__)
+    fields = (vendor, model, _serial_number(state), identity.firmware or __version__)
     return ", ".join(field.replace(",", " ").replace("\n", " ") for field in fields)
 
 
@@ -344,7 +290,7 @@ def _read_delivered(state: ControllerState, rows: Rows) -> Reply:
 
 def _set_parameters(state: ControllerState, rows: Rows) -> Reply:
     assignments = [(*_item_and_key(state, item, key), word) for item, key, word in rows]
-    drafts: dict[str, ServoDraft] = {}
+    drafts: dict[str, Draft] = {}
     seconds = 0.0
     for item, key, word in assignments:
         parameter = PARAMETERS[key]
@@ -353,10 +299,9 @@ def _set_parameters(state: ControllerState, rows: Rows) -> Reply:
             seconds += number(word)
             require(0.0 <= seconds <= _LONGEST, Refusal.BAD_VALUE)
             require(state.pace.fast, Refusal.NOT_ABLE)
-        elif parameter.edit is not None:
-            if item not in drafts:
-                drafts[item] = state.servo_draft(item)
-            parameter.edit(drafts[item], number(word))
+        elif parameter.key is not None:
+            draft = drafts.setdefault(item, state.servo_draft(item))
+            draft[parameter.key] = number(word)
     # the complete position control at once: intermediate settings might be unstable
     for axis, draft in drafts.items():
         state.apply_draft(axis, draft)
@@ -468,7 +413,7 @@ IDENTITY = (
     GcsCommand("SRG?", "[{<AxisID> <RegisterID>}]", "Query Status Register Value", _registers,
                poll=True),
     question("SSN?", "", "Get Device Serial Number",
-             lambda s, _: s.device.identity.serial_number or "0"),
+             lambda s, _: _serial_number(s)),
     question("TAD?", "[{<InputID>}]", "Get ADC Value Of Input Signal", _digits),
     question("TNS?", "[{<InputID>}]", "Get Normalized Input Signal Value", _normalized),
     question("TPC?", "", "Get Number Of Output Channels", lambda s, _: len(s.outputs)),

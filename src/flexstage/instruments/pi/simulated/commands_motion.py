@@ -176,7 +176,7 @@ def _go_home(state: ControllerState, axes: Sequence[str]) -> None:
 
 
 def _strike(state: ControllerState, axes: Sequence[str]) -> None:
-    require(state.device.drives_removed(), Refusal.NOT_ABLE)
+    require(state.device.drives_out, Refusal.NOT_ABLE)
     state.recorder.run(lambda: state.device.strike(axes[0]))
 
 

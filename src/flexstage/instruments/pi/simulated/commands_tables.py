@@ -34,7 +34,7 @@ def running_bits(state: ControllerState) -> str:
 
 
 def _table(state: ControllerState, word: str) -> int:
-    tables = range(1, state.device.wave_tables + 1)
+    tables = range(1, state.device.tables.count + 1)
     return within(unsigned(word), tables, Refusal.UNKNOWN_WAVE_TABLE)
 
 
@@ -48,8 +48,8 @@ def _define(state: ControllerState, words: Sequence[str]) -> Reply:
     table, mode = _table(state, words[0]), words[1].upper()
     require(mode in ("X", "&"), Refusal.SYNTAX)
     device = state.device
-    present = device.wave_size(table) if mode == "&" else 0
-    room = device.wave_room(table) - present
+    present = device.tables.size(table) if mode == "&" else 0
+    room = device.tables.room(table) - present
     samples = segment(words[2].upper(), words[3:], present=present, room=room)
     (device.append_wave if mode == "&" else device.set_wave)(table, samples)
     return None
@@ -67,7 +67,7 @@ def _clear(state: ControllerState, words: Sequence[str]) -> Reply:
 
 def _samples(state: ControllerState, words: Sequence[str]) -> Reply:
     require(len(words) != 1, Refusal.NUMBER_OF_PARAMETERS)
-    filled = {t: state.device.wave(t) for t in range(1, state.device.wave_tables + 1)}
+    filled = {t: state.device.tables.samples(t) for t in range(1, state.device.tables.count + 1)}
     tables = [_table(state, word) for word in words[2:]] or [t for t in filled if filled[t].size]
     least = min((filled[table].size for table in tables), default=0)
     require(least, Refusal.WAVE_NOT_DEFINED)
@@ -76,7 +76,7 @@ def _samples(state: ControllerState, words: Sequence[str]) -> Reply:
     require(inside, Refusal.WAVE_OUT_OF_RANGE)
     columns = [filled[table][first - 1 : first - 1 + count] for table in tables]
     names = [f"Wave Table {table}" for table in tables]
-    step = state.device.wave_rate_divider() / state.device.sample_rate_hz
+    step = state.device.wave_divider / state.device.sample_rate_hz
     return array_text(columns, names, step, identity_line(state))
 
 
@@ -126,7 +126,7 @@ def _start(state: ControllerState, modes: Mapping[str, int]) -> None:
 
 def _require_soft(state: ControllerState, axis: str, unit: float, offset: float) -> None:
     """Refuse a waveform beyond the limits of clients."""
-    samples = state.device.wave(state.device.wave_choice(axis)[0])
+    samples = state.device.tables.samples(state.device.wave_choice(axis)[0])
     voltages = not state.device.servo_on(axis)
     for end in (samples.min(), samples.max()):
         state.require_ready({axis: float(end + offset) * unit}, voltages=voltages)

@@ -1,6 +1,6 @@
 """A simulated controller with its stage, in simulated time: motion of its axes."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -93,7 +93,7 @@ class VirtualController(ControllerCore):
         for state, value in states.items():
             self._need_no_wave(state)
             if value is not None:
-                states[state] = _allowed_voltage(state, value)
+                states[state] = _allowed(state, value, servo=False)
         for state in states:
             if state.servo:
                 state.switch(False)
@@ -112,16 +112,7 @@ class VirtualController(ControllerCore):
 
     def set_targets(self, targets: Mapping[str, float]) -> None:
         """Command positions [m] of one or more axes: all of them or none."""
-        self._need_drives()
-        states = {self._axis(axis): value for axis, value in targets.items()}
-        for state, value in states.items():
-            self._need_no_wave(state)
-            require(state.servo, Refusal.SERVO_OFF)
-            bounds = state.description.limits.position
-            states[state] = float(require_within(np.array([value]), bounds)[0])
-        for state, value in states.items():
-            state.go(value, self._sample, state.speed)
-        self.recorder.trigger("move", self._sample + 1)
+        self._go(targets, self._axis, servo=True)
 
     def command(self, axis: str) -> float:
         """Return the voltage command of a ramp or waveform; under control the last one [V]."""
@@ -132,14 +123,19 @@ class VirtualController(ControllerCore):
 
     def set_commands(self, commands: Mapping[str, float]) -> None:
         """Command voltages [V] in open loop of one or more axes: all of them or none."""
+        self._go(commands, self._piezo, servo=False)
+
+    def _go(
+        self, values: Mapping[str, float], find: Callable[[str], AxisState], *, servo: bool
+    ) -> None:
         self._need_drives()
-        states = {self._piezo(axis): value for axis, value in commands.items()}
+        states = {find(axis): value for axis, value in values.items()}
         for state, value in states.items():
             self._need_no_wave(state)
-            require(not state.servo, Refusal.SERVO_ON)
-            states[state] = _allowed_voltage(state, value)
+            require(state.servo == servo, Refusal.SERVO_OFF if servo else Refusal.SERVO_ON)
+            states[state] = _allowed(state, value, servo=servo)
         for state, value in states.items():
-            state.go(value, self._sample, state.largest_slew)
+            state.go(value, self._sample, state.speed if servo else state.largest_slew)
         self.recorder.trigger("move", self._sample + 1)
 
     def speed(self, axis: str) -> float:
@@ -192,7 +188,7 @@ class VirtualController(ControllerCore):
         """
         states = [self._axis(axis) for axis in (self._states if axes is None else axes)]
         for state in states:
-            if self._drives_out or not (state.moving(self._sample) or state.servo):
+            if self.drives_out or not (state.moving(self._sample) or state.servo):
                 continue
             self._zeroing.pop(state, None)
             state.stop(self._sample)
@@ -214,53 +210,27 @@ class VirtualController(ControllerCore):
 
     # waveforms ------------------------------------------------------------------------------
 
-    @property
-    def wave_tables(self) -> int:
-        """Number of tables."""
-        return self._tables.count
-
-    @property
-    def wave_capacity(self) -> int:
-        """Number of samples of all tables together."""
-        return self._tables.capacity
-
-    def wave(self, table: int) -> Array:
-        """Return the samples of a table [m or V, depending on the mode of the axis]."""
-        return self._tables.samples(table)
-
-    def wave_size(self, table: int) -> int:
-        """Return the number of samples of a table."""
-        return self._tables.size(table)
-
-    def wave_room(self, table: int) -> int:
-        """Return the largest possible number of samples of a table."""
-        return self._tables.room(table)
-
     def set_wave(self, table: int, samples: Array) -> None:
         """Replace the samples of a table; an empty sequence clears it."""
         self._need_idle(table)
-        self._tables.replace(table, samples)
+        self.tables.replace(table, samples)
 
     def append_wave(self, table: int, samples: Array) -> None:
         """Add samples to those of a table."""
         self._need_idle(table)
-        self._tables.append(table, samples)
+        self.tables.append(table, samples)
 
     def _need_idle(self, table: int) -> None:
-        self._tables.known(table)
+        self.tables.known(table)
         for name, state in self._states.items():
             require(state.wave is None or table not in self._choice[name], Refusal.WAVE_RUNNING)
-
-    def wave_rate_divider(self) -> int:
-        """Return the duration of a table sample, in samples of the loop."""
-        return self._divider
 
     def set_wave_rate_divider(self, divider: int) -> None:
         """Set the duration of a table sample, in samples of the loop."""
         require(divider >= 1, Refusal.BAD_VALUE)
         for state in self._states.values():
             self._need_no_wave(state)
-        self._divider = int(divider)
+        self.wave_divider = int(divider)
 
     def wave_choice(self, axis: str) -> tuple[int, int]:
         """Return the table of an axis and that of its feedforward, 0 for none."""
@@ -275,7 +245,7 @@ class VirtualController(ControllerCore):
             self._piezo(axis)
         for number in (table, feedforward):
             if number:
-                self._tables.known(number)
+                self.tables.known(number)
         self._choice[axis] = (int(table), int(feedforward))
 
     def set_wave_cycles(self, axis: str, cycles: int) -> None:
@@ -328,7 +298,7 @@ class VirtualController(ControllerCore):
         unit, offset = scale
         samples = (self._filled(axis, table) + offset) * unit
         cycles = self._cycles[axis]
-        divider = self._divider
+        divider = self.wave_divider
         shift = float(samples[-1] - samples[0]) if onward and cycles != 1 else 0.0
         samples = check_wave(
             state, samples, cycles, divider, state.present(self._sample), shift=shift
@@ -349,11 +319,13 @@ class VirtualController(ControllerCore):
 
     def _filled(self, axis: str, table: int) -> Array:
         require(table, Refusal.NO_WAVE)
-        samples = self._tables.samples(table)
+        samples = self.tables.samples(table)
         require(samples.size, Refusal.NO_WAVE)
         return samples
 
 
-def _allowed_voltage(state: AxisState, value: float) -> float:
-    bounds = state.description.limits.voltage
-    return float(require_within(np.array([value]), bounds, Refusal.VOLTAGE_OUT_OF_LIMITS)[0])
+def _allowed(state: AxisState, value: float, *, servo: bool) -> float:
+    limits = state.description.limits
+    bounds = limits.position if servo else limits.voltage
+    beyond = Refusal.OUT_OF_LIMITS if servo else Refusal.VOLTAGE_OUT_OF_LIMITS
+    return float(require_within(np.array([value]), bounds, beyond)[0])

@@ -94,8 +94,8 @@ class ControllerCore:
             firmware=__version__,
             simulated=True,
         )
-        self._tables = WaveTables(_TABLES, _SAMPLES)
-        #: Its tables of records.
+        #: Its tables of waveforms, and of records.
+        self.tables = WaveTables(_TABLES, _SAMPLES)
         self.recorder = DataRecorder(_TABLES, _SAMPLES)
         self._switch_on()
         for state in self._states.values():
@@ -135,12 +135,13 @@ class ControllerCore:
     def _switch_on(self) -> None:
         for state in self._states.values():
             state.reset()
-        self._tables.clear()
+        self.tables.clear()
         self.recorder.clear()
         self._choice: dict[str, tuple[int, int]] = dict.fromkeys(self._states, (0, 0))
         self._cycles = dict.fromkeys(self._states, 1)
-        self._divider = 1
-        self._drives_out = False
+        #: Samples of the loop for one of a table; whether the drives are removed, for impacts.
+        self.wave_divider = 1
+        self.drives_out = False
         self._sample = -1
         self._owed = 0.0
         self._readings = np.zeros(len(self.stage.channels))
@@ -195,10 +196,6 @@ class ControllerCore:
         if trigger == "now":
             self.recorder.trigger("now", self._sample + 1)
 
-    def drives_removed(self) -> bool:
-        """Return whether the drives are removed, for hammer impacts."""
-        return self._drives_out
-
     def remove_drives(self, removed: bool) -> None:
         """Remove the drives, or install them; no axis may move or be under control."""
         for state in self._states.values():
@@ -207,7 +204,7 @@ class ControllerCore:
                 Refusal.NOT_ABLE if state.wave is None else Refusal.WAVE_RUNNING,
             )
             require(state.screw or not state.servo, Refusal.SERVO_ON)
-        self._drives_out = bool(removed)
+        self.drives_out = bool(removed)
 
     def strike(self, axis: str) -> None:
         """Excite the stage with a hammer; a recorder armed for a waveform records the impact.
@@ -218,7 +215,7 @@ class ControllerCore:
         axis; that of other axes is zero.
         """
         state = self._axis(axis)
-        require(self._drives_out, Refusal.NOT_ABLE)
+        require(self.drives_out, Refusal.NOT_ABLE)
         impact = self.stage.strike(state.description.stage_axis)
         rate = self.sample_rate_hz / self.recorder.divider
         force = resampled(impact.force, impact.sample_rate_hz, rate)
@@ -295,7 +292,7 @@ class ControllerCore:
         require(state.wave is None, Refusal.WAVE_RUNNING)
 
     def _need_drives(self) -> None:
-        require(not self._drives_out, Refusal.NOT_ABLE)
+        require(not self.drives_out, Refusal.NOT_ABLE)
 
 
 def duration(seconds: float) -> float:

@@ -1,6 +1,5 @@
 """State of a simulated GCS controller that all its clients share, in units of the controller."""
 
-import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -90,52 +89,57 @@ MODELS = {
 MICRO = 1e-6
 #: Number of notches of the position control.
 NOTCHES = 4
+_OF_NOTCH = ("frequency", "rejection", "bandwidth")
 Range = tuple[float, float]
 
 
-class ServoDraft:
-    """Settings of the position control during changes of single parameters.
+#: Numbers of the position control while single ones are changed, by quantity and number of the
+#: notch: proportional [V/um], integral [V/(um s)] and lowpass [Hz, 0 for none]; frequency [Hz],
+#: rejection (the gain at it) and bandwidth (twice the damping ratio of the poles) of notches.
+Draft = dict[tuple[str, int], float]
+
+
+def draft_of(settings: ServoSettings) -> Draft:
+    """Return settings as a draft.
 
     A notch with frequency 0 is off; its other two numbers are kept.
 
-    Notes
-    -----
-    `proportional` [V/um], `integral` [V/(um s)] and `lowpass` [Hz, 0 for none] are numbers.
-    `frequency` [Hz], `rejection` (the gain at it) [1] and `bandwidth` (twice the damping ratio of
-    the poles) [1] are lists, one entry for each notch.
-
     Examples
     --------
-    >>> draft = ServoDraft(ServoSettings(integral=1.9e9, notches=(Notch(frequency_hz=800.0),)))
-    >>> draft.integral, draft.frequency[0], draft.rejection[0], draft.bandwidth[0]
+    >>> draft = draft_of(ServoSettings(integral=1.9e9, notches=(Notch(frequency_hz=800.0),)))
+    >>> draft["integral", 0], draft["frequency", 0], draft["rejection", 0], draft["bandwidth", 0]
     (1900.0, 800.0, 0.02, 1.0)
     """
+    draft = {
+        ("proportional", 0): settings.proportional * MICRO,
+        ("integral", 0): settings.integral * MICRO,
+        ("lowpass", 0): settings.lowpass_hz or 0.0,
+    }
+    notches = [
+        (n.frequency_hz, n.zero_damping / n.pole_damping, 2.0 * n.pole_damping)
+        for n in settings.notches
+    ]
+    notches += [(0.0, 0.02, 1.0)] * (NOTCHES - len(notches))
+    for slot, numbers in enumerate(notches):
+        draft.update({(q, slot): v for q, v in zip(_OF_NOTCH, numbers, strict=True)})
+    return draft
 
-    def __init__(self, settings: ServoSettings) -> None:
-        self.proportional = settings.proportional * MICRO
-        self.integral = settings.integral * MICRO
-        self.lowpass = settings.lowpass_hz or 0.0
-        notches = settings.notches[:NOTCHES]
-        idle = NOTCHES - len(notches)
-        self.frequency = [n.frequency_hz for n in notches] + [0.0] * idle
-        self.rejection = [n.zero_damping / n.pole_damping for n in notches] + [0.02] * idle
-        self.bandwidth = [2.0 * n.pole_damping for n in notches] + [1.0] * idle
-        self._settings = settings
 
-    def settings(self) -> ServoSettings:
-        """Return the settings."""
-        notches = [
+def drafted(draft: Draft, settings: ServoSettings) -> ServoSettings:
+    """Return settings with the numbers of a draft."""
+    slots = [slot for quantity, slot in draft if quantity == "frequency"]
+    notches = [tuple(draft[quantity, slot] for quantity in _OF_NOTCH) for slot in slots]
+    return replace(
+        settings,
+        proportional=draft["proportional", 0] / MICRO,
+        integral=draft["integral", 0] / MICRO,
+        notches=tuple(
             Notch(frequency_hz=f, zero_damping=0.5 * r * b, pole_damping=0.5 * b)
-            for f, r, b in zip(self.frequency, self.rejection, self.bandwidth, strict=True)
+            for f, r, b in notches
             if f != 0.0
-        ]
-        return replace(
-            self._settings,
-            proportional=self.proportional / MICRO,
-            integral=self.integral / MICRO,
-            notches=(*notches, *self._settings.notches[NOTCHES:]),
-            lowpass_hz=self.lowpass or None,
-        )
+        ),
+        lowpass_hz=draft["lowpass", 0] or None,
+    )
 
 
 class ControllerState:
@@ -168,7 +172,7 @@ class ControllerState:
         self.wave_units: dict[str, tuple[float, float]] = {}
         self.recorder = RecordStore(self.device, self.axes, self.outputs, self.model.scale)
         #: Drafts with the resulting settings.
-        self._drafts: dict[str, tuple[ServoDraft, ServoSettings]] = {}
+        self._drafts: dict[str, tuple[Draft, ServoSettings]] = {}
         #: Limits of clients by axis [m], [V].
         self.soft_positions: dict[str, Range] = {}
         self.soft_voltages: dict[str, Range] = {}
@@ -266,7 +270,7 @@ class ControllerState:
             require(table, Refusal.NO_WAVE)
             for number, its in ((table, scale), (feedforward, (1.0, 0.0))):
                 if number:
-                    require(self.device.wave(number).size, Refusal.WAVE_NOT_DEFINED)
+                    require(self.device.tables.samples(number).size, Refusal.WAVE_NOT_DEFINED)
                     same = read.setdefault(number, its) == its
                     require(same, Refusal.WAVE_OUT_OF_RANGE)
         for axis in self.axes:
@@ -284,18 +288,16 @@ class ControllerState:
 
     # position control -----------------------------------------------------------------------
 
-    def servo_draft(self, axis: str) -> ServoDraft:
+    def servo_draft(self, axis: str) -> Draft:
         """Return the settings of an axis's position control as a draft."""
         settings = self.device.servo(axis)
-        draft, applied = self._drafts.get(axis, (None, None))
+        draft, applied = self._drafts.get(axis, ({}, None))
         # another program may have changed the settings
-        return (
-            ServoDraft(settings) if draft is None or applied != settings else copy.deepcopy(draft)
-        )
+        return dict(draft) if applied == settings else draft_of(settings)
 
-    def apply_draft(self, axis: str, draft: ServoDraft) -> None:
+    def apply_draft(self, axis: str, draft: Draft) -> None:
         """Change the settings of an axis's position control."""
-        settings = draft.settings()
+        settings = drafted(draft, self.device.servo(axis))
         settings.sections(self.device.sample_rate_hz)
         self.device.set_servo_settings(axis, settings)
         self._drafts[axis] = draft, self.device.servo(axis)

@@ -8,7 +8,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -93,10 +93,10 @@ class ServerSession:
             self._stopped = len(self._waiting)
         self._take(data[at + 1 :])
 
-    def pull(self, commands: int = 1000, size: int = 1 << 16) -> bytes:
+    def pull(self, commands: int = 1000) -> bytes:
         """Carry out pending commands, and return the answers.
 
-        At most `commands` commands, and no further one after `size` bytes of answers.
+        At most `commands` commands, and no further one after 64 KiB of answers.
         """
         answer = bytearray()
         for _ in range(commands):
@@ -110,7 +110,7 @@ class ServerSession:
                 answer += self._next()
             else:
                 break
-            if len(answer) >= size:
+            if len(answer) >= _READ:
                 break
         return bytes(answer)
 
@@ -244,10 +244,9 @@ class GcsServer:
         listener: socket.socket | None = None,
         clients: int = 200,
         patience: float = 10.0,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._interpreter = interpreter
-        self._clients, self._patience, self._clock = clients, patience, clock
+        self._clients, self._patience = clients, patience
         self._listener = reserve(host, port) if listener is None else listener
         self._listener.setblocking(False)
         self._wake, self._waker = socket.socketpair()
@@ -301,7 +300,7 @@ class GcsServer:
                     self._accept()
                 elif key.data != "wake":
                     self._exchange(key.data, events)
-            now = self._clock()
+            now = time.monotonic()
             if self._deaf_until is not None and now >= self._deaf_until:
                 self._deaf_until = None
                 self._selector.register(self._listener, selectors.EVENT_READ, "listen")
@@ -323,7 +322,7 @@ class GcsServer:
             return
         except OSError:  # no more sockets available: try again later
             self._selector.unregister(self._listener)
-            self._deaf_until = self._clock() + 0.1
+            self._deaf_until = time.monotonic() + 0.1
             return
         if len(self._connections) >= self._clients:
             link.close()
@@ -336,7 +335,7 @@ class GcsServer:
             if hasattr(socket, option):
                 link.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
         connection = _Connection(
-            socket=link, session=ServerSession(self._interpreter), moved_on=self._clock()
+            socket=link, session=ServerSession(self._interpreter), moved_on=time.monotonic()
         )
         self._connections[link.fileno()] = connection
         self._selector.register(link, selectors.EVENT_READ, connection)
@@ -388,7 +387,7 @@ class GcsServer:
             sent = connection.socket.send(connection.answers[:_READ], _QUIETLY)
             del connection.answers[:sent]
             if sent:
-                connection.moved_on = self._clock()
+                connection.moved_on = time.monotonic()
 
     def _watch(self, connection: _Connection) -> None:
         events = selectors.EVENT_WRITE if connection.answers else 0
