@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.base.errors import ModelError
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.calibration import ScaleReadings, against_reference
 from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ARCSEC
@@ -46,7 +46,7 @@ FOUR = (0.0, 1.6, 3.1, 4.8)
 TINY = 1e-20 * np.eye(2)
 
 
-def bench(seed, *, stage=PIEZO, heads=(0.3,), mode="open loop", **more):
+def bench(seed, *, stage=PIEZO, heads=(0.3,), method="reference", mode="open loop", **more):
     """A scale 50 um off the axis, in a direction that the stage can go, mounted at any angle."""
     random = np.random.default_rng(seed)
     corner = stage is PIEZO
@@ -73,9 +73,10 @@ def bench(seed, *, stage=PIEZO, heads=(0.3,), mode="open loop", **more):
         eccentricity=(mount[0], mount[1]),
         noise=ARCSEC,
         scale=scale_errors(range(2, 20), 2.0 * ARCSEC, seed=1),
+        reference_noise=0.0 if method == "reference" else 5.0 * ARCSEC,
         seed=seed,
     )
-    return VirtualBench(table, positioner), positioner
+    return VirtualBench(table, positioner, method=method), positioner
 
 
 def run(seed, *, procedure=None, **settings) -> tuple[Centring, float, bool]:
@@ -101,6 +102,12 @@ def test_fifty_micrometres_in_three_moves_with_hysteresis(heads) -> None:
         assert done.predicted is not None
         expected.append(done.predicted.interval()[1])
     assert np.median(expected) < 0.1e-6
+
+
+def test_heads_without_a_reference() -> None:
+    done, left, _ = run(3, heads=FOUR, method="heads alone")
+    assert done.reached
+    assert left < 0.1e-6
 
 
 def test_with_sensors_one_trial_move_and_two_moves_do() -> None:
@@ -359,6 +366,8 @@ def test_both_ways_of_evaluation_agree() -> None:
     second = centre_reading(eccentricity(heads, radius=RADIUS, orders=6))
     assert first.vector == pytest.approx(second.vector, abs=0.01e-6)
     assert np.diag(first.covariance) == pytest.approx(np.diag(second.covariance), rel=0.6)
+    whole = VirtualBench(table, VirtualPositioner(SCREW), method="eccentricity").measure()
+    assert whole.covers(table.apparent_eccentricity)
 
 
 def test_the_region_of_few_degrees_of_freedom() -> None:
@@ -404,6 +413,8 @@ def test_stages_and_benches_that_cannot_be() -> None:
         VirtualPositioner(PIEZO, start=(0.0, 1.2))
     with pytest.raises(ModelError, match="must be within"):
         VirtualPositioner(PIEZO).move_to(0.0, 40e-6)
+    with pytest.raises(RecordError, match="needs two heads or more"):
+        VirtualBench(VirtualTable(radius=0.05), VirtualPositioner(SCREW), method="heads alone")
     with pytest.raises(ModelError, match="trial move"):
         planned_move(unknown_moves((1e-5, 0.0), TINY), VirtualPositioner(SCREW))
     assert nearest_in_box(np.eye(2), np.zeros(2), -np.ones(2), np.ones(2)) == pytest.approx([0, 0])

@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.base.arrays import Array
-from flexstage.base.errors import ModelError
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.calibration import (
     ScaleReadings,
     against_reference,
+    self_calibration,
 )
+from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ScaleKind, exact_error
 from flexstage.centring.move import Positioner, PositionerAxis
-from flexstage.centring.procedure import CentreReading, table_reading
+from flexstage.centring.procedure import CentreReading, centre_reading, table_reading
 from flexstage.centring.table_file import RotaryTable
 from flexstage.centring.turns import whole_orders
 from flexstage.records import Channel, Record
@@ -676,6 +678,18 @@ class VirtualBench:
         The table, with the eccentricity of the scale for the stage in the middle of its stroke.
     stage : Carrier
         The stage, such as a `flexstage.virtual.VirtualPositioner`.
+    method : {"reference", "heads alone", "eccentricity"}
+        Evaluation of the readings: against the angle reference, by
+        `flexstage.centring.calibration.against_reference`; against one another, with two heads or
+        more; or by `flexstage.centring.eccentricity.eccentricity`, which also looks for outliers
+        and correlated noise and takes longer.
+    orders : iterable of int
+        Orders of the errors that are solved for in addition to the eccentricity.
+
+    Raises
+    ------
+    RecordError
+        Method "heads alone" with one head, or an unknown method.
 
     Examples
     --------
@@ -687,8 +701,23 @@ class VirtualBench:
     49.98 um
     """
 
-    def __init__(self, table: VirtualTable, stage: Carrier) -> None:
+    def __init__(
+        self,
+        table: VirtualTable,
+        stage: Carrier,
+        *,
+        method: Literal["reference", "heads alone", "eccentricity"] = "reference",
+        orders: Iterable[int] = range(1, 25),
+    ) -> None:
+        if method not in ("reference", "heads alone", "eccentricity"):
+            raise RecordError(
+                f"the method must be 'reference', 'heads alone' or 'eccentricity', got '{method}'"
+            )
+        if method == "heads alone" and len(table.heads) < 2:
+            raise RecordError("method 'heads alone' needs two heads or more, got 1")
         self._table, self._stage = table, stage
+        self._orders = tuple(orders)
+        self._method = method
         #: Length of the true eccentricity at each measurement [m].
         self.true_lengths: list[float] = []
 
@@ -698,13 +727,25 @@ class VirtualBench:
         return self._table.apparent_eccentricity + self._stage.true_position
 
     def measure(self) -> CentreReading:
-        """Turn the table and return the eccentricity of the scale, against the angle reference."""
+        """Turn the table and return the eccentricity of the scale."""
         x, y = self._stage.true_position
         table = self._table.moved(float(x), float(y))
         record = table.record(index=len(self.true_lengths))
         self.true_lengths.append(float(np.hypot(*table.apparent_eccentricity)))
         angle, *errors = (channel.values for channel in record.channels)
-        readings = ScaleReadings(
-            angle=angle, errors=np.stack(errors), heads=np.array(self._table.heads)
+        heads = self._table.heads
+        if self._method != "eccentricity":
+            separate = against_reference if self._method == "reference" else self_calibration
+            scale_readings = ScaleReadings(
+                angle=angle, errors=np.stack(errors), heads=np.array(heads)
+            )
+            return table_reading(separate(scale_readings, self._orders), self._table.radius)
+        readings = [
+            HeadReadings(angle=angle, error=error, head_angle=alpha)
+            for alpha, error in zip(heads, errors, strict=True)
+        ]
+        return centre_reading(
+            eccentricity(
+                readings, radius=self._table.radius, kind=self._table.kind, orders=self._orders
+            )
         )
-        return table_reading(against_reference(readings, range(1, 25)), self._table.radius)
