@@ -1,5 +1,6 @@
 """Where a drive acts on a mesh: beside an edge, and where there is no straight one."""
 
+import functools
 import math
 from dataclasses import replace
 
@@ -27,6 +28,7 @@ def pushed_at(offset: float, *, bow: float = 0.0) -> Stage:
     return replace(stage, bodies=bodies, drives=(replace(drive, at=((x + offset, y), face)),))
 
 
+@functools.cache
 def ratio(stage: Stage) -> float:
     system = superelement_model(stage, cache=False).system
     return static_displacements(system, {"x": 1e-4}).readings["x"] / 1e-4

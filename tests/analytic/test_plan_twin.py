@@ -39,6 +39,10 @@ steps:
 """
 
 
+#: A stage whose loop has few samples.
+TWIN = "twin://?seed=11&model=lumped&quiet=1&servo_rate=1000"
+
+
 def carried_out(text, tmp_path, address="twin://?seed=11&model=lumped&quiet=1&scatter=0", **more):
     plan = plan_from_text(SENSORS + text)
     with connect(address, design("vgtu-piezo")) as instrument:
@@ -202,7 +206,7 @@ def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatc
     c, s = np.cos(np.radians(23.0)), np.sin(np.radians(23.0))
     rest, left = [], []
 
-    with connect("twin://?seed=11&model=lumped&quiet=1&scatter=0", design("vgtu-piezo")) as twin:
+    with connect(f"{TWIN}&scatter=0", design("vgtu-piezo")) as twin:
 
         def heard(what: str, _: float) -> None:
             if "turn the table and write" not in what:
@@ -232,13 +236,13 @@ def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatc
         plan_from_text(SENSORS + step.replace("radius: 40 mm, ", ""))
     again = plan_from_text(SENSORS + step)
     with (
-        connect("twin://?seed=11&model=lumped&quiet=1", design("vgtu-piezo")) as twin,
+        connect(TWIN, design("vgtu-piezo")) as twin,
         pytest.raises(PlanError, match=r"no record none.fine-0\.csv was written within 1 s"),
     ):
         run_plan(again, twin, tmp_path / "other")
     # files of the first run would move the stage by what was
     with (
-        connect("twin://?seed=11&model=lumped&quiet=1", design("vgtu-piezo")) as twin,
+        connect(TWIN, design("vgtu-piezo")) as twin,
         pytest.raises(PlanError, match=r"fine-0\.csv is of an earlier run"),
     ):
         run_plan(plan, twin, tmp_path / "third")
@@ -378,7 +382,7 @@ def test_a_plan_centres_alike_by_the_table_of_the_twin_and_by_files(tmp_path, mo
     c, s = np.cos(np.radians(23.0)), np.sin(np.radians(23.0))
     (tmp_path / "turns").mkdir()
     rest = []
-    address = "twin://?seed=11&model=lumped&quiet=1&scatter=0&servo_rate=1000"
+    address = f"{TWIN}&scatter=0"
     with connect(address, design("vgtu-piezo")) as twin:
 
         def heard(what: str, _: float) -> None:
@@ -529,7 +533,7 @@ def test_a_scale_is_centred_by_an_autocollimator_at_the_faces_of_a_polygon(
     random = np.random.default_rng(8)
     rest, true = [], []
 
-    with connect("twin://?seed=11&model=lumped&quiet=1&scatter=0", design("vgtu-piezo")) as twin:
+    with connect(f"{TWIN}&scatter=0", design("vgtu-piezo")) as twin:
 
         def heard(what: str, _: float) -> None:
             if "turn the table and write" not in what:
