@@ -146,7 +146,7 @@ def _trial(kind: str, turns: int, seed: int) -> tuple[list[bool], int, int, int]
 
 @pytest.mark.parametrize("kind", ["steps", "dead codes", "interpolation"])
 @pytest.mark.parametrize(
-    "count", [pytest.param(16, id="few"), pytest.param(1000, id="full", marks=pytest.mark.evidence)]
+    "count", [pytest.param(25, id="few"), pytest.param(1000, id="full", marks=pytest.mark.evidence)]
 )
 @pytest.mark.parametrize("turns", [1, 3, 12])
 def test_encoders_with_errors_of_their_own(kind: str, count: int, turns: int) -> None:
