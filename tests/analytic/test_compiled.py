@@ -1,25 +1,22 @@
 """What is compiled is that of the sources that are there."""
 
-import subprocess
+import importlib
 import sys
 from pathlib import Path
+
+import pytest
 
 from flexstage.hysteresis.compiled import forget_outdated
 
 
-def test_a_caller_follows_what_it_calls(tmp_path: Path) -> None:
+def test_a_caller_follows_what_it_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Numba alone keeps the caller as it was compiled first."""
     room = tmp_path / "room"
     room.mkdir()
-    (room / "caller.py").write_text(
-        "from flexstage.hysteresis.compiled import compiled\nfrom callee import inner\n"
+    monkeypatch.syspath_prepend(room)
+    (room / "a_caller.py").write_text(
+        "from flexstage.hysteresis.compiled import compiled\nfrom a_callee import inner\n"
         "@compiled\ndef outer(x):\n    return inner(x) + 1.0\n"
-    )
-    program = (
-        "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[1]);"
-        "from flexstage.hysteresis.compiled import forget_outdated;"
-        "forget_outdated((Path(sys.argv[1]),)); from caller import outer;"
-        "print(outer(3.0), sum(outer.stats.cache_hits.values()))"
     )
     said = []
     for factor in (2.0, 2.0, 10.0):
@@ -27,11 +24,16 @@ def test_a_caller_follows_what_it_calls(tmp_path: Path) -> None:
             "from flexstage.hysteresis.compiled import compiled\n"
             f"@compiled\ndef inner(x):\n    return {factor} * x\n"
         )
-        if not (room / "callee.py").exists() or (room / "callee.py").read_text() != content:
-            (room / "callee.py").write_text(content)
-        words = [sys.executable, "-c", program, str(room)]
-        said.append(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
-    assert said == ["7.0 0\n", "7.0 1\n", "31.0 0\n"]
+        if not (room / "a_callee.py").exists() or (room / "a_callee.py").read_text() != content:
+            (room / "a_callee.py").write_text(content)
+        forget_outdated((room,))
+        # as a new process would
+        for name in ("a_caller", "a_callee"):
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        outer = importlib.import_module("a_caller").outer
+        said.append((outer(3.0), sum(outer.stats.cache_hits.values())))
+    assert said == [(7.0, 0), (7.0, 1), (31.0, 0)]
 
 
 def test_a_room_that_cannot_be_written_to_is_left_as_it_is(tmp_path: Path) -> None:

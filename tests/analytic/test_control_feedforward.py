@@ -60,12 +60,12 @@ def drive(**changes) -> DriveModel:
 @pytest.mark.parametrize("model", [PLAYS, FADING], ids=["plays", "fading"])
 def test_the_steady_input_gives_the_output_in_every_later_period(model) -> None:
     own = drive(hysteresis=model)
-    t = np.arange(900) / 900.0
+    t = np.arange(300) / 300.0
     x = 2.4e-5 - 1.7e-5 * np.cos(2 * np.pi * t) + 2e-6 * np.sin(6 * np.pi * t)
     found = steady_input(own, x)
     u = found.command
     assert not found.missed.any()
-    y = model.simulate(np.tile(u, 25)).values[-900:]
+    y = model.simulate(np.tile(u, 25)).values[-300:]
     # the search ends at 1e-9 of 120 V, of a slope of 5e-7 m/V, and what fades takes 25 periods
     np.testing.assert_allclose(y, x, rtol=0, atol=1e-12)
     np.testing.assert_allclose(steady_output(own, u), x, rtol=0, atol=1e-12)

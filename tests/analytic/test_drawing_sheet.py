@@ -59,10 +59,13 @@ def words(root: ET.Element) -> list[str]:
 
 @cache
 def extents(text: str, size: float, weight: str) -> tuple[float, float, float]:
-    """Width, and how far a text reaches over and under its baseline."""
+    """Width, and how far a text reaches over and under its baseline, at most."""
     font = FontProperties(family="DejaVu Sans", weight=weight)
-    outline = TextPath((0.0, 0.0), text, size=size, prop=font).get_extents()
-    return outline.x1, outline.y1, outline.y0
+    # an outline is within the points that control it
+    points = TextPath((0.0, 0.0), text, size=size, prop=font).vertices
+    if not len(points):
+        return 0.0, 0.0, 0.0
+    return points[:, 0].max(), points[:, 1].max(), points[:, 1].min()
 
 
 def box(element: ET.Element) -> tuple[float, float, float, float]:

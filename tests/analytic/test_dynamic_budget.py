@@ -259,7 +259,7 @@ def test_sampled_loop_with_drawn_noise(mode: float, zeta: float, crossover: floa
     omega, spring, rate, fine = 2.0 * math.pi * mode, 2e5, 4e3, 8
     volt = spring * 38e-6 / 120.0 / MASS  # acceleration
     integral = 2.0 * math.pi * crossover * omega**2 / volt
-    force_rms, noise_rms, records, samples = 0.4, 3e-9, 200, 2500
+    force_rms, noise_rms, records, samples = 0.4, 3e-9, 500, 1000
     dt = 1.0 / (rate * fine)
     step = expm(
         np.array([[0.0, 1.0, 0.0], [-(omega**2), -2.0 * zeta * omega, 1.0], [0.0, 0.0, 0.0]]) * dt
@@ -285,7 +285,7 @@ def test_sampled_loop_with_drawn_noise(mode: float, zeta: float, crossover: floa
     )
     loop = PositionLoop(name="slow", settings=ServoSettings(integral=integral), sample_rate=rate)
     budget = budget_of(one_mass(spring=spring, zeta=zeta, omega=omega), made, loop).budget()
-    # 200 records of 0.56 s at a noise bandwidth of 190 Hz: 1/sqrt(2 B T) is 0.5 %, two standard
+    # 500 records of 0.22 s at a noise bandwidth of 190 Hz: 1/sqrt(2 B T) is 0.5 %, two standard
     # deviations of the rms
     for source, square in zip(budget.sources, squares, strict=True):
         assert budget.rms(source) == pytest.approx(math.sqrt(square), rel=0.02)

@@ -143,7 +143,9 @@ def ring(kind, order):
         }
         side.name = next((name for name, here in names.items() if here), "mantle")
     geometry = OCCGeometry(shape) if solid else OCCGeometry(shape, dim=2)
-    mesh = ng.Mesh(geometry.GenerateMesh(maxh=2.5 if solid else 1.5))
+    # threads of the mesher wait in circles
+    made = geometry.GenerateMesh(maxh=2.5 if solid else 1.5, parallel_meshing=False)
+    mesh = ng.Mesh(made)
     mesh.Curve(order)
     held = {"x": "left", "y": "bottom"}
     if solid:

@@ -191,7 +191,7 @@ def test_free_undamped_run_keeps_its_energy() -> None:
     omega = np.sqrt(eigh(stiffness, np.diag(model.mass), eigvals_only=True))
     period = 2.0 * np.pi / omega[0]
     # a tenth of the leg's length: far into the nonlinear range
-    run = motion(model, np.arange(12 * 10 + 1) * period / 12, start)
+    run = motion(model, np.arange(12 * 4 + 1) * period / 12, start)
     assert np.abs(run.energy / run.energy[0] - 1.0).max() < 1e-11
     assert run.kinetic_energy.max() > 0.5 * run.energy[0]
 

@@ -111,7 +111,10 @@ def test_elements_that_were_folded_keep_their_corners(monkeypatch: pytest.Monkey
     """A tube of too few elements: curving folds some, and it is as high and wide as before."""
     monkeypatch.setattr(part_mesh, "_LIMITS", replace(part_mesh._LIMITS, straightened=1.0))
     shape = occ.Cylinder((0, 0, 0), occ.Z, 10, 5) - occ.Cylinder((0, 0, 0), occ.Z, 9.5, 5)
-    mesh = ng.Mesh(occ.OCCGeometry(shape).GenerateMesh(maxh=6.0, curvaturesafety=0.5, grading=0.9))
+    made = occ.OCCGeometry(shape).GenerateMesh(
+        maxh=6.0, curvaturesafety=0.5, grading=0.9, parallel_meshing=False
+    )
+    mesh = ng.Mesh(made)
     mesh.Curve(2)
     rule = ng.IntegrationRule(ng.ET.TET, 4)
     assert len(part_mesh._folded(mesh, rule))

@@ -39,6 +39,10 @@ steps:
 """
 
 
+#: A stage whose loop has few samples.
+TWIN = "twin://?seed=11&model=lumped&quiet=1&servo_rate=1000"
+
+
 def carried_out(text, tmp_path, address="twin://?seed=11&model=lumped&quiet=1&scatter=0", **more):
     plan = plan_from_text(SENSORS + text)
     with connect(address, design("vgtu-piezo")) as instrument:
@@ -383,7 +387,7 @@ def test_a_plan_centres_alike_by_the_table_of_the_twin_and_by_files(tmp_path, mo
     c, s = np.cos(np.radians(23.0)), np.sin(np.radians(23.0))
     (tmp_path / "turns").mkdir()
     rest = []
-    address = "twin://?seed=11&model=lumped&quiet=1&scatter=0&servo_rate=1000"
+    address = f"{TWIN}&scatter=0"
     with connect(address, design("vgtu-piezo")) as twin:
 
         def heard(what: str, _: float) -> None:
@@ -534,7 +538,7 @@ def test_a_scale_is_centred_by_an_autocollimator_at_the_faces_of_a_polygon(
     random = np.random.default_rng(8)
     rest, true = [], []
 
-    with connect("twin://?seed=11&model=lumped&quiet=1&scatter=0", design("vgtu-piezo")) as twin:
+    with connect(f"{TWIN}&scatter=0", design("vgtu-piezo")) as twin:
 
         def heard(what: str, _: float) -> None:
             if "turn the table and write" not in what:

@@ -25,7 +25,7 @@ from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore import Ensemble, Figure, Observation, dimension_of, reconstruct
 from flexstage.studies.explore.ensemble import MODEL_ERROR, _ranges, model_error
 from flexstage.studies.explore.prepare import ready_reconstruct
-from flexstage.studies.explore.reconstruct import _Fit, _Sampler, _slopes, _Stages
+from flexstage.studies.explore.reconstruct import _EFFORT, _Fit, _Sampler, _slopes, _Stages
 from flexstage.studies.explore.requests import ReconstructRequest
 from flexstage.studies.explore.variables import variables_of
 from flexstage.studies.explore.workers import Workers
@@ -34,6 +34,8 @@ from tests.tiers import limits, sizes
 
 #: Standard deviation of the logarithm of a dimension of 20 %.
 SIGMA = 0.5 * math.log(1.2 / 0.8)
+#: A search from the described stage alone.
+ONE_START = replace(_EFFORT, draws=0)
 STAGE = "parallelogram"
 NECK = "leg.notch.neck_thickness"
 
@@ -135,7 +137,8 @@ def notes_of(ensemble: Ensemble) -> str:
     return "; ".join(ensemble_notes(ensemble))
 
 
-def test_figures_that_contradict_each_other_are_named():
+def test_figures_that_contradict_each_other_are_named(monkeypatch):
+    monkeypatch.setattr(sys.modules["flexstage.studies.explore.reconstruct"], "_EFFORT", ONE_START)
     # a neck of 5 % hardly changes the mass
     seen = 1.1 * next(
         row.value
@@ -151,21 +154,12 @@ def test_figures_that_contradict_each_other_are_named():
     mass = ensemble.best_values[[f.name for f in ensemble.figures].index("mass")]
     assert ensemble.residuals[1] == pytest.approx(1e3 * math.log(mass / seen), rel=1e-9)
     assert "ranges leave out what rigid bodies leave out" in said
+    limited = replace(ensemble, coordinates=ensemble.best_coordinates + 0.5)
+    assert "limits of the geometry keep the most probable stage from" in notes_of(limited)
     agreeing = notes_of(found({"natural_frequency_hz": (200.0, 2.0)}, FREE, members=0))
     assert "misses" not in agreeing
     assert "contradict" not in agreeing
     assert "limits of the geometry keep" not in agreeing
-
-
-def test_figures_beyond_the_limits_of_the_geometry_are_named():
-    template = StageTemplate.of("bridge")
-    figure = Figure(quantity="output_displacement", axis="y")
-    given = [Observation(figure=figure, value=600e-6, uncertainty=1e-6)]
-    dimensions = [dimension_of(v) for v in variables_of(template, ("link_offset=5 %",))]
-    ensemble = reconstruct(template, given, dimensions, model="lumped", members=0)
-    limited = replace(ensemble, coordinates=ensemble.best_coordinates + 0.5)
-    assert "limits of the geometry keep the most probable stage from" in notes_of(limited)
-    assert "misses output_displacement.y" in notes_of(limited)
 
 
 @pytest.mark.parametrize(
@@ -245,7 +239,9 @@ def test_a_measured_dimension_narrows_as_much_as_it_says():
     assert ratio == pytest.approx(said.remaining, rel=1e-4)
 
 
-def test_thickness_is_not_learned_from_ratio_frequency_and_stress():
+def test_thickness_is_not_learned_from_ratio_frequency_and_stress(monkeypatch):
+    # rigid bodies do not explain what was published, and would not from another start
+    monkeypatch.setattr(sys.modules["flexstage.studies.explore.reconstruct"], "_EFFORT", ONE_START)
     free = ("thickness=12 %", "x.leg_neck=20 %", "x.lever_arm_output=20 %")
     request = ReconstructRequest(free=free, model="lumped", members=0)
     ensemble = ready_reconstruct(request, StageTemplate.of("vgtu-piezo"))(Workers(1))
@@ -305,14 +301,14 @@ def test_no_member_begins_after_the_time_is_up():
 
 
 def test_the_time_ends_members_of_the_lumped_model_too(monkeypatch):
-    # a clock of its own, by which a look takes 0.01 s
+    # a clock of its own, by which a look takes 0.04 s
     ticks = itertools.count()
-    monkeypatch.setattr(time, "monotonic", lambda: 0.01 * next(ticks))
+    monkeypatch.setattr(time, "monotonic", lambda: 0.04 * next(ticks))
     free = (f"{NECK}=20 %", "thickness=20 %")
     given = {"natural_frequency_hz": (200.0, 2.0)}
     ensemble = found(given, free, members=10_000, seconds=0.2)
     # twelve members at most between two looks
-    assert 0 < len(ensemble.points) <= 12 * 20
+    assert 0 < len(ensemble.points) <= 12 * 5
     assert ensemble.stopped == "time"
     assert "--time-limit gives more" in notes_of(ensemble)
 

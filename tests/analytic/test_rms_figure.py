@@ -148,7 +148,9 @@ def test_samples_have_the_exponents_of_modulus_density_and_thickness(guide: Path
 
 def test_a_sample_is_a_stage_with_its_budget() -> None:
     offset = 8e-6
-    process = process_of(PIEZO, Scatter(neck_common=offset, stroke=0.05), LABORATORY)
+    # notches of drawn radius have tables of one variable
+    scatter = Scatter(neck_common=offset, radius=0.0, stroke=0.05)
+    process = process_of(PIEZO, scatter, LABORATORY)
     figures = [RMS, replace(RMS, axis="y")]
     values, _ = sample_figures(process, {"neck_common": np.array([[[0.0]], [[1.0]]])}, 2, figures)
     for k, stage in enumerate((PIEZO, with_necks(PIEZO, offset))):

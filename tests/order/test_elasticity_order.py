@@ -43,7 +43,7 @@ def solid_patch(kind):
     if kind == "prisms":
         below, above = shape.faces.Min((0, 0, 1)), shape.faces.Max((0, 0, 1))
         below.Identify(above, "layer", IdentificationType.CLOSESURFACES)
-    mesh = ng.Mesh(OCCGeometry(shape).GenerateMesh(maxh=7))
+    mesh = ng.Mesh(OCCGeometry(shape).GenerateMesh(maxh=7, parallel_meshing=False))
     types = {element.type for element in mesh.Elements(ng.VOL)}
     assert types == {ng.ET.PRISM if kind == "prisms" else ng.ET.TET}
     return mesh

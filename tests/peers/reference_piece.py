@@ -95,7 +95,11 @@ def prism_mesh(
     for k, (a, b) in enumerate(pairwise(levels)):
         below, above = flat[round(a * half, 6)], flat[round(b * half, 6)]
         below.Identify(above, f"layer {k}", IdentificationType.CLOSESURFACES)
-    mesh = ng.Mesh(occ.OCCGeometry(whole).GenerateMesh(maxh=size * METRE, grading=grading))
+    # threads of the mesher wait in circles
+    made = occ.OCCGeometry(whole).GenerateMesh(
+        maxh=size * METRE, grading=grading, parallel_meshing=False
+    )
+    mesh = ng.Mesh(made)
     mesh.Curve(order)
     return mesh
 

@@ -57,14 +57,14 @@ def same(a: Stage, b: Stage) -> bool:
 
 
 @given(stages(), angles, points)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_twice_in_a_mirror_is_the_same(stage: Stage, direction: float, through: Any) -> None:
     mirror = PlaneMotion.reflection(direction, through=through)
     assert same(moved(moved(stage, mirror), mirror), stage)
 
 
 @given(stages(), angles, points)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_turned_there_and_back(stage: Stage, angle: float, about: Any) -> None:
     turned = moved(stage, PlaneMotion.rotation(angle, about=about))
     assert same(moved(turned, PlaneMotion.rotation(-angle, about=about)), stage)

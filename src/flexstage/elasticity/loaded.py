@@ -262,7 +262,7 @@ def _geometric(continuum: Continuum, u: Array) -> sp.csr_matrix:
     # nothing varies through the thickness, so the stress through it does no work
     stress = ng.CoefficientFunction(
         tuple(full[i, j] for i in range(d) for j in range(d)), dims=(d, d)
-    )
+    ).Compile()
     with parallel():
         form = ng.BilinearForm(continuum.space)
         form += volume_unit(continuum) * ng.InnerProduct(stress, a.trans * b) * ng.dx

@@ -385,7 +385,8 @@ def neck_stress(
         columns = [neck_stress(continuum, points, column, temperature) for column in u.T]
         return np.stack(columns, axis=-1)
     stress = continuum.stress(u, temperature)
-    six = ng.CoefficientFunction(tuple(stress[i, j] for i, j in COMPONENTS))
+    # compiled, what the components share is computed once
+    six = ng.CoefficientFunction(tuple(stress[i, j] for i, j in COMPONENTS)).Compile()
     with parallel():
         return np.asarray(ng.BoundaryFromVolumeCF(six)(points.places))
 

@@ -240,7 +240,8 @@ class Sampler:
 
     def _stress(self, problem: UncoupledProblem, q: Array) -> Array:
         tensor = problem.continuum.stress(problem.basis @ q)
-        six = ng.CoefficientFunction(tuple(tensor[i, j] for i, j in COMPONENTS))
+        # compiled, what the components share is computed once
+        six = ng.CoefficientFunction(tuple(tensor[i, j] for i, j in COMPONENTS)).Compile()
         values = self._evaluate(six, inside=True)
         if not self.solid:
             return values

@@ -213,16 +213,17 @@ def _passes(samples: _Samples) -> Relief:
 
     candidates: list[tuple[float, int, int, int]] = []
     order = np.argsort(-width, kind="stable")
-    for e in order.tolist():
-        a, b = root(int(first[e])), root(int(second[e]))
+    columns = (order, first[order], second[order], width[order])
+    for e, one, other, w in zip(*(column.tolist() for column in columns), strict=True):
+        a, b = root(one), root(other)
         if a == b:
             continue
         if top[a] < top[b]:
             a, b = b, a
-        if top[b] <= _RULES.least_ratio * width[e]:
+        if top[b] <= _RULES.least_ratio * w:
             hill[b] = a
         else:
-            candidates.append((float(width[e]), a, b, e))
+            candidates.append((w, a, b, e))
     passes = []
     for w, one, other, e in candidates:
         a, b = root(one), root(other)
