@@ -176,13 +176,12 @@ def _one_step(
             # the output turns at most once; on which side it may meet an end before that
             turn = np.log1p(-e / slope) if e * slope < 0.0 else np.inf
             early = _follow(u, e, slope, turn) if turn < t else end
-            if early > high or early < low:
-                rail = high if early > high else low
-                t, following = _meet(u, e, slope, 0.0, min(turn, t), rail), _RAIL
-                u = rail
-            elif end > high or end < low:
-                rail = high if end > high else low
-                t, following = _meet(u, e, slope, turn if turn < t else 0.0, t, rail), _RAIL
+            begin, until, met = (0.0, min(turn, t), early)
+            if low <= early <= high:
+                begin, until, met = (turn if turn < t else 0.0, t, end)
+            if met > high or met < low:
+                rail = high if met > high else low
+                t, following = _meet(u, e, slope, begin, until, rail), _RAIL
                 u = rail
             elif t >= h:
                 return end

@@ -80,7 +80,7 @@ class BoucWenModel(HysteresisModel):
         inputs = samples(u, "input")
         start = self._state(state)
         values = np.empty_like(inputs)
-        h = simulate_samples(inputs, *start, self._cubic(), self._law(), values)
+        h = simulate_samples(inputs, start[0], start[1], self._cubic(), self._law(), values)
         return Response(values=values, state=self._state_after(inputs[-1], h))
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
@@ -122,7 +122,7 @@ class BoucWenModel(HysteresisModel):
         """
         values = np.empty_like(y)
         done, h, missed = inverse_samples(
-            y, *state, np.array(limits), self._cubic(), self._law(), values
+            y, state[0], state[1], np.array(limits), self._cubic(), self._law(), values
         )
         if done < y.size:
             symbol, gain = self.hysteretic

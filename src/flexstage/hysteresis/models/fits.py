@@ -21,6 +21,7 @@ from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, Search
 from flexstage.hysteresis.identification.projection import Normal, residual_square
 from flexstage.hysteresis.models.asymmetric_bouc_wen.law import AsymmetricBoucWen
 from flexstage.hysteresis.models.bouc_wen.law import BoucWen
+from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel
 from flexstage.hysteresis.models.dahl.law import Dahl
 from flexstage.hysteresis.models.duhem.law import Duhem, duhem_columns
 from flexstage.hysteresis.models.generalised_bouc_wen.law import GeneralisedBoucWen
@@ -430,7 +431,7 @@ class BoucWenFit(SearchedFit):
         unit = BoucWen(gain=0.0, hysteresis_gain=1.0, beta=beta, gamma=gamma)
         return np.column_stack((section.u, unit.simulate(section.u).values))
 
-    def build(self, place: Array, coefficients: Array, data: FitData) -> BoucWen:
+    def build(self, place: Array, coefficients: Array, data: FitData) -> BoucWenModel:
         beta, gamma = _shape_at(place, data.input_scale)
         gain = _at_least(coefficients[1], data)
         return BoucWen(gain=float(coefficients[0]), hysteresis_gain=gain, beta=beta, gamma=gamma)
@@ -448,7 +449,7 @@ class AsymmetricBoucWenFit(BoucWenFit):
         u, h = super().columns(section, place, data).T
         return np.column_stack((u, u**2, u**3, h))
 
-    def build(self, place: Array, coefficients: Array, data: FitData) -> AsymmetricBoucWen:
+    def build(self, place: Array, coefficients: Array, data: FitData) -> BoucWenModel:
         beta, gamma = _shape_at(place, data.input_scale)
         low, high = data.input_range
         return AsymmetricBoucWen(
