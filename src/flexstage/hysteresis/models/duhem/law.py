@@ -286,23 +286,22 @@ def _phis(x: float) -> tuple[float, float, float, float]:
 
 
 @compiled
-def _derivatives(u: float, c: Array) -> tuple[float, float, float, float]:
-    """Return a cubic and its three derivatives."""
+def _derivatives(u: float, c: Array) -> tuple[float, float, float]:
+    """Return a cubic and its first two derivatives."""
     return (
         c[0] + u * (c[1] + u * (c[2] + u * c[3])),
         c[1] + u * (2.0 * c[2] + 3.0 * u * c[3]),
         2.0 * c[2] + 6.0 * u * c[3],
-        6.0 * c[3],
     )
 
 
 @compiled
 def _step(u: float, y: float, v: float, sign: float, alpha: float, f: Array, g: Array) -> float:
     """Return the output after the input has gone from u by sign v."""
-    f0, f1, f2, f3 = _derivatives(u, f)
-    g0, g1, g2, g3 = _derivatives(u, g)
-    q0, q1 = alpha * f0 + sign * g0, alpha * f1 + sign * g1
-    q2, q3 = alpha * f2 + sign * g2, alpha * f3 + sign * g3
+    f0, f1, f2 = _derivatives(u, f)
+    g0, g1, g2 = _derivatives(u, g)
+    q0, q1, q2 = alpha * f0 + sign * g0, alpha * f1 + sign * g1, alpha * f2 + sign * g2
+    q3 = alpha * 6.0 * f[3] + sign * 6.0 * g[3]
     x = -alpha * v
     phi1, phi2, phi3, phi4 = _phis(x)
     change = v * (q0 * phi1 + v * (sign * q1 * phi2 + v * (q2 * phi3 + v * sign * q3 * phi4)))
