@@ -95,7 +95,7 @@ def _band_limited(u: Array) -> Array:
     # A constant must stay what it is.
     weights /= np.sum(weights, axis=1, keepdims=True)
     kernel = (to_coefficients @ weights).T
-    # past its ends the force goes on, turned half round about its first and last point
+    # past its ends the force continues, turned half round about its first and last point
     extended = np.pad(u, REACH - 1, mode="reflect", reflect_type="odd")
     windows = np.lib.stride_tricks.sliding_window_view(extended, 2 * REACH)
     pieces = np.empty((u.size - 1, COEFFICIENTS))
