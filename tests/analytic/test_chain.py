@@ -16,7 +16,6 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
-from flexstage.hysteresis.chain.element import ChainElement
 from flexstage.hysteresis.chain.lag import Lag, lag_moments, ramp_share
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.chain.sensor import Sensor
@@ -245,12 +244,12 @@ def test_step_of_a_mode_against_40_digits(w: float, zeta: float) -> None:
         Lag(time_constant=2.1e-3, delay=0.7e-3),
         LogCreep(rate_per_decade=0.04, shortest=2e-4, longest=0.02),
         StageModes(frequency_hz=(93.0, 160.0), damping_ratio=(0.2, 0.3), share=(0.7, 0.2)),
-        Amplifier(bandwidth_hz=130.0, gain=1.4),
-        Sensor(gain=0.83, bandwidth_hz=210.0),
     ],
     ids=lambda element: type(element).__name__,
 )
-def test_a_long_sine_is_what_the_frequency_response_says(element: ChainElement) -> None:
+def test_a_long_sine_is_what_the_frequency_response_says(
+    element: Lag | LogCreep | StageModes,
+) -> None:
     f, dt = 61.0, 1e-5
     t = dt * np.arange(40000)
     y = element.simulate(np.sin(2.0 * np.pi * f * t), dt).values
@@ -361,13 +360,14 @@ def test_amplifier_does_not_depend_on_how_a_line_is_cut(parts: int) -> None:
     assert amplifier.simulate(fine, dt / parts).values[::parts] == pytest.approx(whole, abs=1e-10)
 
 
-def test_amplifier_without_limits_is_a_lag() -> None:
+@pytest.mark.parametrize("kind", [Amplifier, Sensor])
+def test_amplifier_without_limits_and_sensor_without_noise_are_a_lag(
+    kind: type[Amplifier] | type[Sensor],
+) -> None:
     x, dt = polyline(), 3e-4
-    amplifier = Amplifier(bandwidth_hz=700.0, gain=1.2)
     lag = Lag(time_constant=1.0 / (2.0 * math.pi * 700.0))
-    assert amplifier.simulate(x, dt).values == pytest.approx(
-        1.2 * lag.simulate(x, dt).values, rel=1e-13
-    )
+    found = kind(bandwidth_hz=700.0, gain=1.2).simulate(x, dt).values
+    assert found == pytest.approx(1.2 * lag.simulate(x, dt).values, rel=1e-13)
 
 
 def test_current_and_capacitance_limit_the_rate() -> None:

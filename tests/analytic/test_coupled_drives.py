@@ -24,7 +24,7 @@ from flexstage.hysteresis.coupled_drives.softening import (
 from flexstage.hysteresis.coupled_drives.state_space import (
     ModalSystem,
     modes_of,
-    subspace_system,
+    subspace_systems,
 )
 from flexstage.records import Record
 from tests.coupled_records import (
@@ -52,7 +52,7 @@ def test_a_subspace_system_is_the_one_whose_response_is_given() -> None:
     resolvent = z[:, None, None] * np.eye(len(form.A)) - form.A
     direct = form.C @ np.linalg.solve(resolvent, np.tile(form.B, (z.size, 1, 1))) + form.D
     assert np.abs(response - direct).max() < 1e-12 * np.abs(response).max()
-    fit = subspace_system(response, lines, PERIOD, 6, blocks=40)
+    (fit,) = subspace_systems(response, lines, PERIOD, [6], blocks=40)
     assert fit.order == 6
     # the impulse response is longer than the period: poles are found to the ends of its tail
     assert np.abs(fit.response(z) - response).max() < 2e-3 * np.abs(response).max()
@@ -82,7 +82,8 @@ def test_a_growing_mode_is_mirrored_into_a_decaying_one() -> None:
     growing = replace(system, poles=system.poles / np.abs(system.poles) * 1.01)
     lines = np.arange(1, PERIOD // 2)
     response = growing.response(np.exp(2j * np.pi * lines / PERIOD))
-    assert np.abs(subspace_system(response, lines, PERIOD, 12, blocks=40).poles).max() < 1.0
+    (fit,) = subspace_systems(response, lines, PERIOD, [12], blocks=40)
+    assert np.abs(fit.poles).max() < 1.0
 
 
 def test_steps_reach_the_steady_state_that_the_loop_at_each_line_has() -> None:

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from flexstage.base.arrays import Complex
 from flexstage.hysteresis import PrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
-from flexstage.hysteresis.chain.element import Complex
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.identification.chain_search import (
     ChainEstimate,

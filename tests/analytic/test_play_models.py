@@ -19,7 +19,7 @@ from flexstage.hysteresis import (
     PrandtlIshlinskii,
 )
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.play_sum import dead_zone_line, play_columns
+from flexstage.hysteresis.models.play_sum import dead_zone_line, dead_zones, play_columns
 from flexstage.hysteresis.models.preisach.law import Preisach, preisach_columns
 
 STROKE = 60e-6
@@ -225,7 +225,7 @@ def test_dead_zones_are_what_their_formula_says() -> None:
         by_formula += w * (np.maximum(x - d, 0.0) if d > 0 else np.minimum(x - d, 0.0))
     assert model.line().at(x) == pytest.approx(by_formula, abs=1e-19)
     assert model.line().inverse().at(by_formula) == pytest.approx(x, abs=1e-19)
-    two_below = dead_zone_line(0.7, [-5.0, -2.0, 4.0, 6.0], [0.3, -0.4, 0.5, 0.2])
+    two_below = dead_zone_line(0.7, *dead_zones([-5.0, -2.0, 4.0, 6.0], [0.3, -0.4, 0.5, 0.2]))
     assert two_below.at([-7.0, -3.0, 5.0, 8.0]) == pytest.approx(
         [-4.9 - 0.6 + 2.0, -2.1 + 0.4, 3.5 + 0.5, 5.6 + 2.0 + 0.4]
     )
@@ -436,7 +436,7 @@ def test_preisach_that_is_only_a_play_has_no_unique_inverse() -> None:
         (lambda: Preisach(thresholds=[1.0], knots=[0], slopes=[[]]), "at least 2"),
         (lambda: Preisach(thresholds=[1.0], knots=[0, 1, 2], slopes=[[1]]), "shape"),
         (lambda: Preisach(thresholds=[1.0], knots=[0, 1], slopes=[[np.inf]]), "finite"),
-        (lambda: dead_zone_line(1.0, [0.0], [1.0]), "not zero"),
+        (lambda: dead_zones([0.0], [1.0]), "not zero"),
         (
             lambda: GeneralisedMaxwellSlip(
                 stiffness=-0.1, thresholds=[1.0], element_stiffness=[1.0]

@@ -171,7 +171,7 @@ def test_identified_from_the_training_record_alone() -> None:
 )
 def test_identified_parameters_are_the_true_ones(name: str) -> None:
     found, true = identified(), getattr(TRUE, name)
-    allowed = 4.0 * found.standard_errors()[name] + 5e-4 * abs(true)
+    allowed = 4.0 * found.standard_errors[name] + 5e-4 * abs(true)
     assert abs(getattr(found.model, name) - true) < allowed
 
 
@@ -189,7 +189,7 @@ def test_random_starts_reach_the_same_optimum(starts: int) -> None:
 @pytest.mark.slow
 def test_a_free_exponent_is_one() -> None:
     found = fit_oscillator(*read("train.h5", "multisine"), RATE, exponent=None)
-    error = found.standard_errors()["exponent"]
+    error = found.standard_errors["exponent"]
     assert error < 2e-3
     assert found.model.exponent == pytest.approx(1.0, abs=4.0 * error)
     assert found.rms <= identified().rms * (1.0 + 1e-9)

@@ -245,7 +245,7 @@ def test_free_exponent_is_found() -> None:
     force, displacement = record(truth, 800, 22)
     found = fit_oscillator(force, displacement, RATE, exponent=None)
     assert found.model.exponent == pytest.approx(1.35, rel=1e-6)
-    assert found.names[6] == "exponent"
+    assert list(found.values)[6] == "exponent"
 
 
 # Known exponents other than 1 start from their own equation error.
@@ -266,7 +266,7 @@ def test_standard_errors_are_those_of_repeated_records() -> None:
         noisy = displacement + 4e-6 * rng.standard_normal(displacement.size)
         found = fit_oscillator(force, noisy, RATE)
         assert found.rms == pytest.approx(4e-6, rel=0.12)
-        errors = found.standard_errors()
+        errors = found.standard_errors
         scores.append(
             [
                 (getattr(found.model, name) - getattr(MODEL, name)) / errors[name]

@@ -52,8 +52,6 @@ _JUMP = 0.01
 #: in turn, until they change by less than this share of the range, at most so many times.
 _CONVERGED = 1e-12
 _ITERATIONS = 200
-#: Time after the start of an endless repetition for the mean of its creep, which never settles [s].
-_SETTLED = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -196,7 +194,7 @@ def feedforward(
     if endless:
         inverse = steady_input(
             model,
-            _endless_target(model, period_reference, dt, band_hz),
+            steady_displacement(model, period_reference, 1.0 / dt, band_hz=band_hz),
             (low, high),
             requested=values,
         )
@@ -212,7 +210,7 @@ def feedforward(
     slow = _rate_limited(inverse.command, largest_rate, dt, closed=endless)
     limited = inverse.missed | (np.abs(slow - inverse.command) > 1e-9 * (high - low))
     if endless:
-        predicted = steady_reading(model, slow, 1.0 / dt, _SETTLED)
+        predicted = steady_reading(model, slow, 1.0 / dt)
         state = DriveState(hysteresis=inverse.state)
     else:
         predicted, state = model.response(slow, dt, before)
@@ -275,16 +273,6 @@ def _single_motion_target(model: DriveModel, reading: Array, dt: float) -> Array
     return target
 
 
-def _endless_target(model: DriveModel, reading: Array, dt: float, band_hz: float | None) -> Array:
-    """Invert the chain behind the hysteresis, for one period of an endless repetition."""
-    x = steady_displacement(model, reading, 1.0 / dt, band_hz=band_hz)
-    if model.creep is not None:
-        mean = float(np.mean(reading) - model.offset) * model.sign
-        settled = float(model.creep.step_response([_SETTLED])[0])
-        x += mean / settled - float(np.mean(x))
-    return x
-
-
 def _invert_creep(creep: Creep, target: Array, dt: float, start: Start | Array) -> Array:
     """Invert creep, whose first state depends on the command."""
     if isinstance(start, np.ndarray):
@@ -340,7 +328,7 @@ def reading_in_proportion(
     command = result.command[first] + slope * (result.requested - low)
     dt = float(result.time[1] - result.time[0])
     if endless:
-        return steady_reading(model, command, 1.0 / dt, _SETTLED)
+        return steady_reading(model, command, 1.0 / dt)
     return model.response(command, dt, result.before)[0]
 
 

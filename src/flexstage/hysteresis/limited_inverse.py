@@ -22,6 +22,8 @@ _ROUNDING = 1e-9
 
 #: Highest harmonic, as a share of the sample rate.
 HIGHEST = 0.4
+#: Time after the start of an endless repetition for the mean of its creep, which never settles [s].
+_SETTLED = 10.0
 #: Most periods until the memory of a hysteresis is periodic.
 _MOST_PERIODS = 40
 
@@ -161,7 +163,7 @@ def steady_displacement(
     """Return the output of the hysteresis for a periodic reading, both over one period.
 
     Harmonics above the bandwidth, 0.4 of the sample rate where not given, are omitted. Creep is
-    inverted as after many periods.
+    inverted as after many periods, and its mean as `_SETTLED` after the start.
     """
     y = np.asarray(reading, dtype=np.float64) - model.offset
     f = np.fft.rfftfreq(y.size, 1.0 / sample_rate_hz)
@@ -169,7 +171,10 @@ def steady_displacement(
     in_band = f <= highest
     spectrum = np.zeros(f.size, dtype=np.complex128)
     spectrum[in_band] = np.fft.rfft(y)[in_band] / chain_response(model, f[in_band], creep=creep)
-    return np.asarray(np.fft.irfft(spectrum, y.size), dtype=np.float64)
+    x = np.asarray(np.fft.irfft(spectrum, y.size), dtype=np.float64)
+    if creep and model.creep is not None:
+        x += model.sign * float(np.mean(y)) / _settled(model) - float(np.mean(x))
+    return x
 
 
 def within_band(values: Array, sample_rate_hz: float, band_hz: float) -> Array:
@@ -195,13 +200,17 @@ def steady_output(model: DriveModel, u: ArrayLike) -> Array:
     raise ConvergenceError(_no_repeat(model, "output"))
 
 
-def steady_reading(model: DriveModel, u: ArrayLike, sample_rate_hz: float, settled: float) -> Array:
-    """Return one period of the reading for a periodic input, `settled` seconds after its start."""
+def steady_reading(model: DriveModel, u: ArrayLike, sample_rate_hz: float) -> Array:
+    """Return one period of the reading for a periodic input, `_SETTLED` after its start."""
     x = steady_output(model, u)
     f = np.fft.rfftfreq(x.size, 1.0 / sample_rate_hz)
     y = np.fft.irfft(np.fft.rfft(x) * chain_response(model, f), x.size)
-    gain = 1.0 if model.creep is None else float(model.creep.step_response([settled])[0])
-    return np.asarray(model.offset + y + (model.sign * gain * np.mean(x) - np.mean(y)))
+    return np.asarray(model.offset + y + (model.sign * _settled(model) * np.mean(x) - np.mean(y)))
+
+
+def _settled(model: DriveModel) -> float:
+    """Return the gain of the creep for the mean of a periodic input."""
+    return 1.0 if model.creep is None else float(model.creep.step_response([_SETTLED])[0])
 
 
 def steady_input(

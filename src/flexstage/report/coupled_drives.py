@@ -154,7 +154,7 @@ def coupled_parts(
 
 def _oscillator_table(result: OscillatorIdentification) -> Table:
     u, y = result.model.input_unit or "input", result.model.output_unit or "output"
-    free = "exponent" in result.fit.names
+    free = "exponent" in result.fit.values
     units = {
         "mass": "kg" if (u, y) == ("N", "m") else f"{u} s^2/{y}",
         "damping": f"{u} s/{y}",
@@ -165,10 +165,10 @@ def _oscillator_table(result: OscillatorIdentification) -> Table:
         "initial_force": u,
     }
     units |= dict.fromkeys(("stiffness", "alpha"), f"{u}/{y}")
-    errors = result.fit.standard_errors()
+    errors = result.fit.standard_errors
     rows = [
         (name.replace("_", " "), f"{value:.5g}", f"{errors[name]:.2g}", units.get(name, y))
-        for name, value in zip(result.fit.names, result.fit.values(), strict=True)
+        for name, value in result.fit.values.items()
     ]
     caption = f"oscillator with a Bouc-Wen force: {result.fitted.predictions[0].source}"
     return table(caption, ("name", "value", "standard error", "<unit"), rows)

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.base.errors import ModelError
-from flexstage.hysteresis.chain.element import ChainElement, Complex, positive_step
-from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.element import ChainElement, positive_step
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, checked, samples
 
@@ -109,12 +108,6 @@ class Amplifier(ChainElement):
         )
         return Response(values=y, state=np.array([command[-1], y[-1]]))
 
-    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        return self.gain * self._lag().frequency_response(frequency_hz)
-
-    def _lag(self) -> Lag:
-        return Lag(time_constant=self.time_constant)
-
     def _range(self) -> tuple[float, float]:
         return (-math.inf, math.inf) if self.voltage_range is None else self.voltage_range
 
@@ -183,13 +176,12 @@ def _one_step(
             # the output turns at most once; on which side it may meet an end before that
             turn = np.log1p(-e / slope) if e * slope < 0.0 else np.inf
             early = _follow(u, e, slope, turn) if turn < t else end
-            if early > high or early < low:
-                rail = high if early > high else low
-                t, following = _meet(u, e, slope, 0.0, min(turn, t), rail), _RAIL
-                u = rail
-            elif end > high or end < low:
-                rail = high if end > high else low
-                t, following = _meet(u, e, slope, turn if turn < t else 0.0, t, rail), _RAIL
+            begin, until, met = (0.0, min(turn, t), early)
+            if low <= early <= high:
+                begin, until, met = (turn if turn < t else 0.0, t, end)
+            if met > high or met < low:
+                rail = high if met > high else low
+                t, following = _meet(u, e, slope, begin, until, rail), _RAIL
                 u = rail
             elif t >= h:
                 return end

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage.base.arrays import Complex
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.element import (
     LONGEST,
     SHORTEST,
     ChainElement,
-    Complex,
     positive_step,
 )
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
@@ -138,6 +138,7 @@ class Creep(ChainElement):
         return Response(values=x, state=now)
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        """Return the ratio of output to input for a steady sine."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
         return 1.0 + (1.0 / (1.0 + s * self.time_constants)) @ self.lag_gains
 

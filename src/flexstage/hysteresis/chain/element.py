@@ -1,13 +1,11 @@
 """Elements of a linear chain, and inputs of them that are known between samples."""
 
 import itertools
-import math
 from abc import ABC, abstractmethod
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.base.arrays import Complex
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import (
@@ -67,10 +65,6 @@ class ChainElement(ABC):
         at_rest = self.settled(first, dt)
         return at_rest if state is None else checked_state(state, at_rest.size, what)
 
-    @abstractmethod
-    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the ratio of output to input for a steady sine."""
-
 
 def positive_step(dt: float) -> float:
     """Return a step between samples after checking it."""
@@ -88,11 +82,12 @@ def checked_state(state: ArrayLike, size: int, what: str) -> Array:
 
 
 @compiled
-def terms_needed(amplitude: Array, rate: Array) -> int:
+def terms_needed(force: SegmentArrays) -> int:
     """Return the number of derivatives of complete steps for the fastest exponential.
 
     Rates are per sample; exponentials above `LARGEST_RATE` are not counted. From 2 to `ORDERS`.
     """
+    _, _, _, amplitude, rate = force
     fastest = 0.0
     for i in range(rate.size):
         if amplitude[i] != 0.0 and abs(rate[i]) <= LARGEST_RATE:
@@ -104,12 +99,27 @@ def terms_needed(amplitude: Array, rate: Array) -> int:
     return terms
 
 
-def value_at(force: Segments, sample: int) -> float:
-    """Return the value of a sequence that is known between the samples, at one sample."""
-    i = int(np.searchsorted(force.start, sample, side="right")) - 1
-    since = sample - force.start[i]
-    decay = math.exp(-force.rate[i] * since)
-    return float(force.constant[i] + force.slope[i] * since + force.amplitude[i] * decay)
+@compiled
+def piece_from(
+    force: SegmentArrays, i: int, here: float, following: float
+) -> tuple[int, float, float, float, float, float]:
+    """Return the piece of a sequence from a time to the next sample or segment.
+
+    That is its segment, counted on from segment i, its end, and a, b, c and mu of its values a + b
+    s + c exp(-mu s) at s after the time.
+    """
+    start, constant, slope, amplitude, rate = force
+    last = start.size - 1
+    while i < last and start[i + 1] <= here:
+        i += 1
+    end = following
+    if i < last and start[i + 1] < end:
+        end = start[i + 1]
+    since = here - start[i]
+    c = amplitude[i]
+    if since != 0.0 and c != 0.0:
+        c *= np.exp(-rate[i] * since)
+    return i, end, constant[i] + slope[i] * since, slope[i], c, rate[i]
 
 
 def values_at_samples(force: Segments) -> Array:
@@ -121,15 +131,10 @@ def values_at_samples(force: Segments) -> Array:
 
 @compiled
 def _values(force: SegmentArrays, value: Array) -> None:
-    start, constant, slope, amplitude, rate = force
-    i, last = 0, start.size - 1
+    i = 0
     for n in range(value.size):
-        while i < last and start[i + 1] <= n:
-            i += 1
-        since = n - start[i]
-        value[n] = constant[i] + slope[i] * since
-        if amplitude[i] != 0.0:
-            value[n] += amplitude[i] * np.exp(-rate[i] * since)
+        i, _, at, _, amplitude, _ = piece_from(force, i, float(n), n + 1.0)
+        value[n] = at + amplitude
 
 
 def forcing(model: HysteresisModel, u: Array, state: Array) -> Segments:

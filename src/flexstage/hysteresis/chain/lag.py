@@ -7,13 +7,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage.base.arrays import Complex
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.element import (
     LARGEST_RATE,
     LONGEST,
     ORDERS,
     ChainElement,
-    Complex,
+    piece_from,
     positive_step,
     terms_needed,
 )
@@ -105,21 +106,12 @@ def _lags_through(
     reader: Array,
     y: Array,
 ) -> None:
-    start, constant, slope, amplitude, rate = force
-    terms = terms_needed(amplitude, rate)
-    i, last = 0, start.size - 1
+    terms = terms_needed(force)
+    i = 0
     for n in range(y.shape[1]):
-        here, following = float(n), n + 1.0
-        while here < following:
-            while i < last and start[i + 1] <= here:
-                i += 1
-            end = following
-            if i < last and start[i + 1] < end:
-                end = start[i + 1]
-            since = here - start[i]
-            a, b, c, mu = constant[i] + slope[i] * since, slope[i], amplitude[i], rate[i]
-            if since != 0.0 and c != 0.0:
-                c *= np.exp(-mu * since)
+        here = float(n)
+        while here < n + 1.0:
+            i, end, a, b, c, mu = piece_from(force, i, here, n + 1.0)
             if end - here == 1.0 and (c == 0.0 or abs(mu) <= LARGEST_RATE):
                 for m in range(lag.size):
                     by = 0.0
@@ -273,6 +265,7 @@ class Lag(ChainElement):
         return np.asarray(spline(at), dtype=np.float64) + self.time_constant * rate * inside
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        """Return the ratio of output to input for a steady sine."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         return np.exp(-s * self.delay) / (1.0 + s * self.time_constant)
 

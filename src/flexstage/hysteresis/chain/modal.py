@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexstage.hysteresis.chain.element import LARGEST_RATE, ORDERS, terms_needed
+from flexstage.hysteresis.chain.element import LARGEST_RATE, ORDERS, piece_from, terms_needed
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, SegmentArrays, Segments
 
@@ -165,22 +165,13 @@ def _read_modes(z: Array, v: Array, reader: Array, y: Array, n: int) -> None:
 def _through(
     force: SegmentArrays, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
-    start, constant, slope, amplitude, rate = force
     angle, zeta, transition, moments = step
-    terms = terms_needed(amplitude, rate)
-    i, last = 0, start.size - 1
+    terms = terms_needed(force)
+    i = 0
     for n in range(y.shape[1]):
-        here, following = float(n), n + 1.0
-        while here < following:
-            while i < last and start[i + 1] <= here:
-                i += 1
-            end = following
-            if i < last and start[i + 1] < end:
-                end = start[i + 1]
-            since = here - start[i]
-            a, b, c, mu = constant[i] + slope[i] * since, slope[i], amplitude[i], rate[i]
-            if since != 0.0 and c != 0.0:
-                c *= np.exp(-mu * since)
+        here = float(n)
+        while here < n + 1.0:
+            i, end, a, b, c, mu = piece_from(force, i, here, n + 1.0)
             if end - here == 1.0 and (c == 0.0 or abs(mu) <= LARGEST_RATE):
                 for m in range(z.size):
                     # derivatives of the exponential, by Horner; highest first

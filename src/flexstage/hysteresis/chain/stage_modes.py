@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage.base.arrays import Complex
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.element import (
     ChainElement,
-    Complex,
     positive_step,
-    value_at,
     values_at_samples,
 )
 from flexstage.hysteresis.chain.modal import (
@@ -127,16 +126,13 @@ class StageModes(ChainElement):
         ModelError
             The step is not positive, or the state does not belong to this element.
         """
-        step, _, z, v = self._start(value_at(force, 0), dt, state)
-        if self.static_share == 0.0:
-            y = np.zeros((1, force.samples))
-        else:
-            y = self.static_share * values_at_samples(force)[None, :]
+        inputs = values_at_samples(force)
+        step, _, z, v = self._start(inputs[0], dt, state)
+        y = self.static_share * inputs[None, :]
         reader = self._reader()
         y[0, 0] += reader[0] @ np.append(z, v)
         modes_through_segments(force, step, z, v, reader, y[:, 1:])
-        end = np.array([value_at(force, force.samples - 1)])
-        return Response(values=y[0], state=np.concatenate((end, z, v / dt)))
+        return Response(values=y[0], state=np.concatenate((inputs[-1:], z, v / dt)))
 
     def inverse(self, y: ArrayLike, dt: float) -> Response:
         r"""Return the input that gives a smooth output.
@@ -174,6 +170,7 @@ class StageModes(ChainElement):
         return Response(values=x, state=self.simulate(x, h).state)
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        """Return the ratio of output to input for a steady sine."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
         w, zeta = self.omega, np.array(self.damping_ratio)
         mode = w**2 / (s**2 + 2.0 * zeta * w * s + w**2)

@@ -31,7 +31,7 @@ from flexstage.hysteresis.coupled_drives.state_space import (
     IdentifiedModes,
     ModalSystem,
     modes_of,
-    subspace_system,
+    subspace_systems,
     with_both_vectors,
 )
 from flexstage.records.record import Record
@@ -330,10 +330,9 @@ def _chosen_system(
     records, lines, p = spectra.outputs.shape
     count = 2 * records * lines * p
     best, smallest = None, math.inf
-    for order in _ORDERS:
-        if order > min(largest, lines // 4):
-            break
-        system = subspace_system(response, spectra.lines, spectra.period, order, blocks)
+    orders = [order for order in _ORDERS if order <= min(largest, lines // 4)]
+    systems = subspace_systems(response, spectra.lines, spectra.period, orders, blocks)
+    for order, system in zip(orders, systems, strict=True):
         weighted = _residuals(system, spectra, total) * weights[:, None, None]
         parameters = order * (p + total.shape[2])
         criterion = count * math.log(_error(weighted) ** 2) + parameters * math.log(count)

@@ -1,5 +1,6 @@
 """A linear system of several inputs and outputs from its frequency response."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -93,10 +94,14 @@ def modes_of(system: ModalSystem, sample_rate_hz: float, highest_hz: float) -> I
     return modes.of(np.flatnonzero(~np.any(near & parallel & weaker, axis=1)))
 
 
-def subspace_system(
-    response: Complex, lines: Integers, period: int, order: int, blocks: int = HANKEL_BLOCKS
-) -> ModalSystem:
-    """Return a stable linear system of an order from its response at some lines.
+def subspace_systems(
+    response: Complex,
+    lines: Integers,
+    period: int,
+    orders: Sequence[int],
+    blocks: int = HANKEL_BLOCKS,
+) -> Iterator[ModalSystem]:
+    """Yield a stable linear system of each order from its response at some lines.
 
     Parameters
     ----------
@@ -106,8 +111,8 @@ def subspace_system(
         Numbers of the lines, rising, at most half of the period, shape (L,).
     period : int
         Samples in a period.
-    order : int
-        Number of states, at most ``blocks * min(p, m)``.
+    orders : sequence of int
+        Numbers of states, at most ``blocks * min(p, m)``.
     blocks : int
         Rows and columns of the block Hankel matrix of impulse responses.
 
@@ -129,17 +134,20 @@ def subspace_system(
         ]
     )
     impulse = np.moveaxis(np.fft.irfft(dense, period, axis=2), 2, 0)
-    hankel = np.block([[impulse[i + j + 1] for j in range(blocks)] for i in range(blocks)])
+    step = np.arange(blocks)
+    hankel = impulse[step[:, None] + step + 1].swapaxes(1, 2).reshape(blocks * p, blocks * m)
     left, singular, _ = np.linalg.svd(hankel, full_matrices=False)
-    observability = left[:, :order] * np.sqrt(singular[:order])
-    shift = np.linalg.lstsq(observability[:-p], observability[p:], rcond=None)[0]
-    eigenvalues, vectors = np.linalg.eig(shift)
-    poles = eigenvalues.astype(np.complex128)
-    upper = poles.imag >= 0.0
-    poles, outputs = poles[upper], (observability[:p] @ vectors)[:, upper]
-    outside = np.abs(poles) > 1.0
-    poles[outside] = 1.0 / np.conj(poles[outside])
-    return with_inputs(poles, outputs, response, np.exp(2j * np.pi * lines / period))
+    z = np.exp(2j * np.pi * lines / period)
+    for order in orders:
+        observability = left[:, :order] * np.sqrt(singular[:order])
+        shift = np.linalg.lstsq(observability[:-p], observability[p:], rcond=None)[0]
+        eigenvalues, vectors = np.linalg.eig(shift)
+        poles = eigenvalues.astype(np.complex128)
+        upper = poles.imag >= 0.0
+        poles, outputs = poles[upper], (observability[:p] @ vectors)[:, upper]
+        outside = np.abs(poles) > 1.0
+        poles[outside] = 1.0 / np.conj(poles[outside])
+        yield with_inputs(poles, outputs, response, z)
 
 
 def with_inputs(poles: Complex, outputs: Complex, response: Complex, z: Complex) -> ModalSystem:

@@ -2,8 +2,7 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +19,8 @@ from flexstage.hysteresis.model import (
     samples,
 )
 from flexstage.hysteresis.models.bouc_wen_steps import (
+    LOADED,
+    UNLOADED,
     advance,
     inverse_samples,
     law_of,
@@ -51,15 +52,26 @@ class BoucWenModel(HysteresisModel):
     #: Symbol of the hysteretic displacement, and name of its slope at zero.
     hysteretic: ClassVar[tuple[str, str]] = ("h", "hysteresis_gain")
 
+    #: Condition on the shape function where h is loaded, for an inverse.
+    loading: ClassVar[str] = "beta + gamma is at least zero"
+
     if TYPE_CHECKING:
+
+        @property
+        def gain(self) -> float:
+            """Gain of the straight part."""
 
         @property
         def exponent(self) -> float:
             """How sharply h turns into saturation."""
 
     @abstractmethod
-    def _compiled(self) -> tuple[Array, Array]:
-        """Return the polynomial and the law of the compiled loops."""
+    def _law(self) -> Array:
+        """Return the law of the compiled loops."""
+
+    def _cubic(self) -> Array:
+        """Return the factors of u, u^2 and u^3 in the output."""
+        return np.array([self.gain, 0.0, 0.0])
 
     def initial_state(self) -> Array:
         return np.zeros(2)
@@ -68,18 +80,16 @@ class BoucWenModel(HysteresisModel):
         inputs = samples(u, "input")
         start = self._state(state)
         values = np.empty_like(inputs)
-        h = simulate_samples(inputs, start[0], start[1], *self._compiled(), values)
+        h = simulate_samples(inputs, start[0], start[1], self._cubic(), self._law(), values)
         return Response(values=values, state=self._state_after(inputs[-1], h))
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
         if self.exponent != 1.0:
             return None
-        cubic, law = self._compiled()
-        start = self._state(state)
-        inputs = sampled(u)
+        law, start, inputs = self._law(), self._state(state), sampled(u)
         h = advance(start[1], start[0], inputs[0] - start[0], law)
         table = np.empty((5, 4 * inputs.size))
-        count, h = law_segments(inputs, h, cubic[0], law, table)
+        count, h = law_segments(inputs, h, self.gain, law, table)
         begin, constant, slope, amplitude, rate = table[:, :count].copy()
         return Segments(
             start=begin,
@@ -91,6 +101,17 @@ class BoucWenModel(HysteresisModel):
             state=self._state_after(inputs[-1], h),
         )
 
+    def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        outputs, start = samples(y, "output"), self._state(state)
+        loaded = float(np.min(self._law()[LOADED]))
+        if loaded < 0.0:
+            raise ModelError(
+                f"{self.title} is inverted only where {self.loading}, got {loaded:.6g}: its output "
+                "falls in the end while the input rises"
+            )
+        limits = (-math.inf, math.inf, self.gain)
+        return self._inputs(outputs, start, limits, f"gain {self.gain:.6g}")
+
     def _inputs(
         self, y: Array, state: Array, limits: tuple[float, float, float], steepest: str
     ) -> Response:
@@ -101,7 +122,7 @@ class BoucWenModel(HysteresisModel):
         """
         values = np.empty_like(y)
         done, h, missed = inverse_samples(
-            y, state[0], state[1], np.array(limits), *self._compiled(), values
+            y, state[0], state[1], np.array(limits), self._cubic(), self._law(), values
         )
         if done < y.size:
             symbol, gain = self.hysteretic
@@ -121,11 +142,26 @@ class BoucWenModel(HysteresisModel):
             )
         return np.array([u, h])
 
-    def _check(self, numbers: Mapping[str, Any], *above_zero: str) -> None:
+    def _invertible(self, least: float, steepest: float, condition: str) -> ModelProperty:
+        """Return whether the polynomial rises faster than the hysteretic displacement."""
+        return ModelProperty(
+            name="invertible",
+            holds=least > steepest,
+            detail=(
+                f"{condition}: {least:.6g} and {steepest:.6g}; where it does not hold, the inverse "
+                f"stops where |{self.hysteretic[0]}| grows too large"
+            ),
+        )
+
+    def _check(self, *above_zero: str) -> None:
         """Refuse parameters that are not finite, or not positive where they must be."""
-        for name, value in numbers.items():
+        for name, value in self.parameters().items():
             kind = "positive and finite" if name in above_zero else "finite"
-            checked(value, f"{name} of {self.title}", kind)
+            if isinstance(value, tuple):
+                for k, number in enumerate(value, start=1):
+                    checked(number, f"{name} number {k} of {self.title}", kind)
+            else:
+                checked(cast("float", value), f"{name} of {self.title}", kind)
 
     def _check_exponent(self) -> None:
         """Refuse an exponent below one."""
@@ -194,17 +230,19 @@ def bouc_wen_c_code(model: BoucWenModel, names: tuple[str, ...], pieces: int) ->
 
 def bouc_wen_matlab_code(model: BoucWenModel) -> MatlabCode:
     """Return the code in MATLAB: a polynomial less the hysteretic displacement of a law."""
-    cubic, law = model._compiled()
-    exponent = model.exponent
+    law, exponent = model._law(), model.exponent
     numbers = {
-        "cubic": (cubic.tolist(), "factors of u, u^2 and u^3 [unit of y per unit of u, u^2, u^3]"),
+        "cubic": (
+            model._cubic().tolist(),
+            "factors of u, u^2 and u^3 [unit of y per unit of u, u^2, u^3]",
+        ),
         "A": (law[0], "slope dh/du at h = 0 [unit of y per unit of u]"),
         "centre": (law[2], "input at which the shape function changes [unit of u]"),
         "unloaded": (
-            law[[4, 5, 8, 9]],
+            law[UNLOADED],
             "shape function where h unloads: u falls below, above the centre; rises below, above",
         ),
-        "loaded": (law[[6, 7, 10, 11]], "shape function where h is loaded, in the same order"),
+        "loaded": (law[LOADED], "shape function where h is loaded, in the same order"),
     }
     if exponent == 1.0:
         return MatlabCode(parts=("bouc_wen_common", "power_1"), parameters=numbers)

@@ -22,6 +22,9 @@ from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.power_law import distance_to_zero, moved
 
+#: Places of psi in a law, where h is unloaded and where it is loaded.
+UNLOADED, LOADED = [4, 5, 8, 9], [6, 7, 10, 11]
+
 # Most steps of a Newton iteration, and the rounding of a number.
 _ITERATIONS = 100
 _ROUNDING = 2.3e-16

@@ -21,6 +21,7 @@ from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, Search
 from flexstage.hysteresis.identification.projection import Normal, residual_square
 from flexstage.hysteresis.models.asymmetric_bouc_wen.law import AsymmetricBoucWen
 from flexstage.hysteresis.models.bouc_wen.law import BoucWen
+from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel
 from flexstage.hysteresis.models.dahl.law import Dahl
 from flexstage.hysteresis.models.duhem.law import Duhem, duhem_columns
 from flexstage.hysteresis.models.generalised_bouc_wen.law import GeneralisedBoucWen
@@ -78,14 +79,20 @@ class PrandtlIshlinskiiFit(LinearFit):
         )
 
 
-def _interior_kinks(data: FitData, plays: PrandtlIshlinskii, count: int) -> Array:
-    """Return kinks of a line behind plays: uniform over the output, and not at zero."""
-    ends = [plays.simulate(s.u).values[s.warm_up :] for s in data.sections]
-    low, high = min(e.min() for e in ends), max(e.max() for e in ends)
-    kinks = np.linspace(low, high, count + 2)[1:-1]
-    distance = (high - low) / (count + 1)
-    near = np.abs(kinks) < 0.05 * distance
-    return np.where(near, 0.05 * distance, kinks)
+def _start(fit: RefinedFit, data: FitData, count: int) -> tuple[PrandtlIshlinskii, Array]:
+    """Return plays, and kinks of a line behind them: uniform over their output, and not at zero.
+
+    Those of the first fit are kept, so that the kinks stay where they are when cycles are held out.
+    """
+    key = f"{fit.kind} start"
+    if key not in data.memo:
+        plays = PrandtlIshlinskiiFit().fit(data).model
+        ends = [plays.simulate(s.u).values[s.warm_up :] for s in data.sections]
+        low, high = min(e.min() for e in ends), max(e.max() for e in ends)
+        kinks = np.linspace(low, high, count + 2)[1:-1]
+        least = 0.05 * (high - low) / (count + 1)
+        data.memo[key] = plays, np.where(np.abs(kinks) < least, least, kinks)
+    return data.memo[key]
 
 
 #: Places where the line behind the plays may bend.
@@ -106,7 +113,7 @@ class ModifiedPrandtlIshlinskiiFit(RefinedFit):
     penalty = _SMOOTHING * roughness(1, _PLAYS, _LINE_KINKS + 1)
 
     def begin(self, data: FitData) -> Array:
-        model, kinks = self._cached(data)
+        model, kinks = _start(self, data, _LINE_KINKS)
         return np.concatenate(([model.gain], model.weights, np.ones(kinks.size + 1)))
 
     def bounds(self, data: FitData) -> tuple[Array, Array]:
@@ -119,7 +126,7 @@ class ModifiedPrandtlIshlinskiiFit(RefinedFit):
         return low, scale
 
     def build(self, parameters: Array, data: FitData) -> ModifiedPrandtlIshlinskii:
-        start, kinks = self._cached(data)
+        start, kinks = _start(self, data, _LINE_KINKS)
         gain, weights = parameters[0], parameters[1 : 1 + _PLAYS]
         slopes = parameters[1 + _PLAYS :]
         about_zero = slopes[int(np.searchsorted(kinks, 0.0))]
@@ -136,7 +143,7 @@ class ModifiedPrandtlIshlinskiiFit(RefinedFit):
         # in closed form: with v the sum of the plays and S the line behind them, S(v) changes by
         # S'(v) with what a play adds to v, and by the way from 0 to v within an interval with its
         # slope
-        start, kinks = self._cached(data)
+        start, kinks = _start(self, data, _LINE_KINKS)
         slopes = p[1 + _PLAYS :]
         columns = play_columns(section.u, start.thresholds)
         v = p[0] * section.u + columns @ p[1 : 1 + _PLAYS]
@@ -148,18 +155,6 @@ class ModifiedPrandtlIshlinskiiFit(RefinedFit):
         for j, (low, high) in enumerate(itertools.pairwise(ends), start=1 + _PLAYS):
             derivatives[:, j] = np.clip(v, low, high) - np.clip(0.0, low, high)
         return derivatives * scale
-
-    def _cached(self, data: FitData) -> tuple[PrandtlIshlinskii, Array]:
-        key = f"{self.kind} start"
-        if key not in data.memo:
-            # those of the first fit, so that the kinks stay where they are when cycles are held out
-            model = PrandtlIshlinskiiFit().fit(data).model
-            assert isinstance(model, PrandtlIshlinskii)
-            kinks = _interior_kinks(data, model, _LINE_KINKS)
-            data.memo[key] = [np.array([model.gain]), model.thresholds, model.weights, kinks]
-        gain, thresholds, weights, kinks = data.memo[key]
-        plays = PrandtlIshlinskii(gain=float(gain[0]), thresholds=thresholds, weights=weights)
-        return plays, kinks
 
 
 #: Kinks of the spring; there are as many elements as plays.
@@ -178,8 +173,9 @@ class GeneralisedMaxwellSlipFit(RefinedFit):
     penalty = _SMOOTHING * roughness(1, _PLAYS, _SPRING_KINKS)
 
     def begin(self, data: FitData) -> Array:
-        stiffness, _, elements, _ = self._cached(data)
-        return np.concatenate((stiffness, elements, np.zeros(_SPRING_KINKS)))
+        gain, _, weights = self._inverse(data)
+        # a play is the displacement less a stop, so that negative plays are stops and a spring
+        return np.concatenate(([gain + weights.sum()], -weights, np.zeros(_SPRING_KINKS)))
 
     def bounds(self, data: FitData) -> tuple[Array, Array]:
         slope = data.input_scale / data.stroke
@@ -189,12 +185,12 @@ class GeneralisedMaxwellSlipFit(RefinedFit):
         return low, np.full(self.size, slope)
 
     def build(self, parameters: Array, data: FitData) -> GeneralisedMaxwellSlip:
-        _, thresholds, _, kinks = self._cached(data)
+        _, thresholds, _ = self._inverse(data)
         return GeneralisedMaxwellSlip(
             stiffness=float(parameters[0]),
             thresholds=thresholds,
             element_stiffness=parameters[1 : 1 + _PLAYS],
-            dead_zones=kinks,
+            dead_zones=_start(self, data, _SPRING_KINKS)[1],
             dead_zone_weights=parameters[1 + _PLAYS :],
         )
 
@@ -212,22 +208,13 @@ class GeneralisedMaxwellSlipFit(RefinedFit):
         _given_voltage(derivatives, sliders, slope, model.element_stiffness)
         return derivatives * scale
 
-    def _cached(self, data: FitData) -> list[Array]:
-        """Stiffness, thresholds and stiffnesses of elements of the start, and the kinks."""
-        key = f"{self.kind} start"
-        if key not in data.memo:
-            # those of the first fit, so that they stay where they are when cycles are held out
-            plays = PrandtlIshlinskiiFit().fit(data).model
-            assert isinstance(plays, PrandtlIshlinskii)
-            kinks = _interior_kinks(data, plays, _SPRING_KINKS)
-            # plays that stand still after a turn, as where noise of the input or a delay blunts
-            # it, have no inverse; some slope there is enough to begin with
-            least = _FLATTEST * data.stroke / data.input_scale
-            start = replace(plays, gain=max(plays.gain, least))
-            gain, thresholds, weights = start.inverse_plays()
-            # a play is the displacement less a stop, so that negative plays are stops and a spring
-            data.memo[key] = [np.array([gain + weights.sum()]), thresholds, -weights, kinks]
-        return data.memo[key]
+    def _inverse(self, data: FitData) -> tuple[float, Array, Array]:
+        """Return the inverse of the plays of the start."""
+        plays, _ = _start(self, data, _SPRING_KINKS)
+        # plays that stand still after a turn, as where noise of the input or a delay blunts it,
+        # have no inverse; some slope there is enough to begin with
+        least = _FLATTEST * data.stroke / data.input_scale
+        return replace(plays, gain=max(plays.gain, least)).inverse_plays()
 
 
 @compiled
@@ -360,15 +347,24 @@ class DahlFit(SearchedFit):
         return np.column_stack((section.u, unit.simulate(section.u).values))
 
     def build(self, place: Array, coefficients: Array, data: FitData) -> Dahl:
-        least = 1e-12 * data.stroke / data.input_scale
-        stiffness = max(float(coefficients[1]), least)
+        stiffness = _at_least(coefficients[1], data)
         limit = stiffness * _limit(place, data.input_scale)
         return Dahl(gain=float(coefficients[0]), stiffness=stiffness, limit=limit)
 
 
 def _limit(place: Array, scale: float) -> float:
     """Limit of friction of unit slope, in the unit of the input."""
-    return float(scale / 10.0 ** (_FRICTION[0] + place[0] * (_FRICTION[1] - _FRICTION[0])))
+    return float(scale / 10.0 ** _within(_FRICTION, place[0]))
+
+
+def _within(limits: tuple[float, float], share: float) -> float:
+    """Return the value at a share of a range of search."""
+    return float(limits[0] + share * (limits[1] - limits[0]))
+
+
+def _at_least(coefficient: float, data: FitData) -> float:
+    """Return a slope above zero, however small its coefficient is."""
+    return max(float(coefficient), 1e-12 * data.stroke / data.input_scale)
 
 
 #: Range of alpha times the range of the input, in powers of ten.
@@ -404,7 +400,7 @@ class DuhemFit(SearchedFit):
 
 
 def _rate(place: Array, data: FitData) -> float:
-    return float(10.0 ** (_RATE[0] + place[0] * (_RATE[1] - _RATE[0])) / data.input_scale)
+    return float(10.0 ** _within(_RATE, place[0]) / data.input_scale)
 
 
 #: Range of (beta + gamma) times the range of the input, in powers of ten, ...
@@ -413,11 +409,10 @@ _STIFFNESS = (-1.0, 2.5)
 _RATIO = (-0.95, 5.0)
 
 
-def shape_at(place: Array, scale: float) -> tuple[float, float]:
+def _shape_at(place: Array, scale: float) -> tuple[float, float]:
     """Return beta and gamma [per unit of the input] of a place, for a part of unit gain."""
-    total = 10.0 ** (_STIFFNESS[0] + place[0] * (_STIFFNESS[1] - _STIFFNESS[0])) / scale
-    ratio = _RATIO[0] + place[1] * (_RATIO[1] - _RATIO[0])
-    return float(0.5 * total * (1.0 + ratio)), float(0.5 * total * (1.0 - ratio))
+    total, ratio = 10.0 ** _within(_STIFFNESS, place[0]) / scale, _within(_RATIO, place[1])
+    return 0.5 * total * (1.0 + ratio), 0.5 * total * (1.0 - ratio)
 
 
 class BoucWenFit(SearchedFit):
@@ -432,40 +427,36 @@ class BoucWenFit(SearchedFit):
     grid = (8, 6)
 
     def columns(self, section: RecordSection, place: Array, data: FitData) -> Array:
-        beta, gamma = shape_at(place, data.input_scale)
+        beta, gamma = _shape_at(place, data.input_scale)
         unit = BoucWen(gain=0.0, hysteresis_gain=1.0, beta=beta, gamma=gamma)
         return np.column_stack((section.u, unit.simulate(section.u).values))
 
-    def build(self, place: Array, coefficients: Array, data: FitData) -> BoucWen:
-        beta, gamma = shape_at(place, data.input_scale)
-        gain = max(float(coefficients[1]), 1e-12 * data.stroke / data.input_scale)
+    def build(self, place: Array, coefficients: Array, data: FitData) -> BoucWenModel:
+        beta, gamma = _shape_at(place, data.input_scale)
+        gain = _at_least(coefficients[1], data)
         return BoucWen(gain=float(coefficients[0]), hysteresis_gain=gain, beta=beta, gamma=gamma)
 
 
-class AsymmetricBoucWenFit(SearchedFit):
+class AsymmetricBoucWenFit(BoucWenFit):
     """Two parameters are searched for: the model is linear in its cubic and its gain."""
 
     law = AsymmetricBoucWen
     size = 6
     automatic = False
-    grid = (8, 6)
     free = np.array([False, True, True, False])
 
     def columns(self, section: RecordSection, place: Array, data: FitData) -> Array:
-        beta, gamma = shape_at(place, data.input_scale)
-        unit = BoucWen(gain=0.0, hysteresis_gain=1.0, beta=beta, gamma=gamma)
-        u = section.u
-        return np.column_stack((u, u**2, u**3, unit.simulate(u).values))
+        u, h = super().columns(section, place, data).T
+        return np.column_stack((u, u**2, u**3, h))
 
-    def build(self, place: Array, coefficients: Array, data: FitData) -> AsymmetricBoucWen:
-        beta, gamma = shape_at(place, data.input_scale)
+    def build(self, place: Array, coefficients: Array, data: FitData) -> BoucWenModel:
+        beta, gamma = _shape_at(place, data.input_scale)
         low, high = data.input_range
-        least = 1e-12 * data.stroke / data.input_scale
         return AsymmetricBoucWen(
             gain=float(coefficients[0]),
             quadratic=float(coefficients[1]),
             cubic=float(coefficients[2]),
-            hysteresis_gain=max(float(coefficients[3]), least),
+            hysteresis_gain=_at_least(coefficients[3], data),
             beta=beta,
             gamma=gamma,
             lowest_input=min(low, 0.0),

@@ -68,10 +68,10 @@ class PlayModel(HysteresisModel):
     def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
         after = self._state(state)
         outputs = samples(y, "output")
-        if self._least_slope() < 0.0:
+        if (least := least_slope(self.play_terms())) < 0.0:
             raise ModelError(
                 f"this {self.kind} model has no inverse, since its slope can be "
-                f"{self._least_slope():g}: identify it with weights that are not negative"
+                f"{least:g}: identify it with weights that are not negative"
             )
         u, missed = play_sum.invert(outputs, *self.play_terms(), after)
         return Response(values=u, state=after, missed=missed)
@@ -89,7 +89,7 @@ class PlayModel(HysteresisModel):
         steepest = abs(gain) + float(np.sum(np.max(np.abs(slopes), axis=1)))
         lossy = slopes[thresholds > 0.0]
         lowest = float(np.min(lossy)) if lossy.size else 0.0
-        least = self._least_slope()
+        least = least_slope(self.play_terms())
         return (
             ModelProperty(
                 name="bounded",
@@ -110,11 +110,6 @@ class PlayModel(HysteresisModel):
             ),
         )
 
-    def _least_slope(self) -> float:
-        """Return a lower bound of the slope, whatever the memory."""
-        gain, thresholds, _, slopes, _ = self.play_terms()
-        return least_slope(gain, thresholds, slopes)
-
     def _state(self, state: ArrayLike | None) -> Array:
         checked_copy = super()._state(state)
         return checked_copy if state is None else play_state(checked_copy, self.play_terms()[1])
@@ -130,12 +125,13 @@ def terms(gain: float, thresholds: Array, knots: Array, slopes: Array) -> Sum:
     return gain, r, k, s, play_sum.offsets_of(k, s)
 
 
-def least_slope(gain: float, thresholds: Array, slopes: Array) -> float:
+def least_slope(total: Sum) -> float:
     """Return a lower bound of the slope of a sum of functions of plays, whatever its memory.
 
-    Only the first few plays move, each at its flattest; one with threshold zero always moves.
-    Thresholds (m,) and slopes (m, c + 1); it is the least slope itself if there are no knots.
+    Only the first few plays move, each at its flattest; one with threshold zero always moves. It is
+    the least slope itself if there are no knots.
     """
+    gain, thresholds, _, slopes, _ = total
     sums = gain + np.cumsum(np.min(slopes, axis=1))
     return float(np.min(sums if thresholds[0] == 0.0 else np.append(sums, gain)))
 

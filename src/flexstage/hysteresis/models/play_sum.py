@@ -62,11 +62,6 @@ def play_state(state: Array, thresholds: Array) -> Array:
     thresholds, on which the stepping relies. State: last input and outputs of the plays [V], shape
     (m + 1,).
     """
-    if state.shape != (thresholds.size + 1,) or not np.all(np.isfinite(state)):
-        raise ModelError(
-            f"a state of {thresholds.size} plays is {thresholds.size + 1} finite numbers, "
-            f"got shape {state.shape}: give the last input, then the plays"
-        )
     gap = np.diff(thresholds, prepend=0.0)
     excess = np.abs(np.diff(state)) - gap
     allowed = STATE_ROUNDING * max(float(np.max(np.abs(state))), float(thresholds[-1]))
@@ -358,11 +353,20 @@ class PiecewiseLinear:
         return PiecewiseLinear(knots=self.at(self.knots), slopes=1.0 / self.slopes)
 
 
-def dead_zone_line(gain: float, thresholds: ArrayLike, weights: ArrayLike) -> PiecewiseLinear:
+def dead_zones(thresholds: ArrayLike, weights: ArrayLike) -> tuple[Array, Array]:
+    """Return thresholds and weights of dead zones after checking them."""
+    r = rising(thresholds, "dead zones", least=0)
+    w = fixed(weights, "weights of dead zones", r.shape)
+    if np.any(r == 0.0):
+        raise ModelError("a dead zone has a threshold that is not zero, got 0: use the gain there")
+    return r, w
+
+
+def dead_zone_line(gain: float, r: Array, w: Array) -> PiecewiseLinear:
     """Return the superposition of one-sided dead zones.
 
     ``S(x) = gain x + sum_i w_i max(x - r_i, 0)`` for positive, ``min(x - r_i, 0)`` for negative
-    thresholds r_i (Kuhnen 2003, Eur. J. Control 9:407).
+    thresholds r_i and weights w_i, those of `dead_zones` (Kuhnen 2003, Eur. J. Control 9:407).
 
     Notes
     -----
@@ -370,13 +374,10 @@ def dead_zone_line(gain: float, thresholds: ArrayLike, weights: ArrayLike) -> Pi
 
     Examples
     --------
-    >>> dead_zone_line(1.0, [-4.0, 5.0], [-0.2, 0.3]).at([-10.0, 2.0, 7.0])
+    >>> line = dead_zone_line(1.0, *dead_zones([-4.0, 5.0], [-0.2, 0.3]))
+    >>> line.at([-10.0, 2.0, 7.0])
     array([-8.8,  2. ,  7.6])
     """
-    r = rising(thresholds, "thresholds of dead zones", least=0)
-    w = fixed(weights, "weights of dead zones", r.shape)
-    if np.any(r == 0.0):
-        raise ModelError("a dead zone has a threshold that is not zero, got 0: use the gain there")
     below = np.cumsum(w[r < 0.0][::-1])[::-1]
     above = np.cumsum(w[r > 0.0])
     return PiecewiseLinear(knots=r, slopes=gain + np.concatenate([below, [0.0], above]))

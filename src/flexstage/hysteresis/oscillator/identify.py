@@ -189,15 +189,13 @@ class OscillatorFit:
     """Displacement [m], velocity [m/s] and hysteretic force [N] at the first sample, shape (3,)."""
     offset: float
     """Reading of the sensor at zero displacement [m]."""
-    names: tuple[str, ...]
+    values: dict[str, float]
     """What was identified: fields of the model, the three of the initial state, the offset."""
-    covariance: Array
-    """Covariance of these, for a white residual, shape (p, p)."""
+    standard_errors: dict[str, float]
+    """Standard errors of these, for a white residual, in the unit of each."""
     error: Array
     """Simulated less measured displacement [m], shape (n,)."""
-    evaluations: int
-    """Number of simulations of the record that the search took."""
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
     """What the record cannot say, and what would."""
 
     @property
@@ -209,16 +207,6 @@ class OscillatorFit:
     def neighbours(self) -> float:
         """Correlation of neighbouring samples of the error: zero for white noise."""
         return float(np.corrcoef(self.error[1:], self.error[:-1])[0, 1])
-
-    def values(self) -> list[float]:
-        """Return the value of all that was identified, in the order of the names."""
-        state = [*self.initial.tolist(), self.offset]
-        every = dict(zip(NAMES + INITIAL, [*parameter_row(self.model), *state], strict=True))
-        return [float(every[name]) for name in self.names]
-
-    def standard_errors(self) -> dict[str, float]:
-        """Return the standard error of all that was identified, by name, in the unit of each."""
-        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
 
 def fit_oscillator(
@@ -297,7 +285,6 @@ class _Problem:
     ) -> None:
         self.pieces, self.displacement, self.rate = pieces, displacement, sample_rate_hz
         self.free = np.array([i for i in range(11) if i != 6 or exponent_free])
-        self.names = tuple((NAMES + INITIAL)[i] for i in self.free)
         velocity = (displacement[1] - displacement[0]) * sample_rate_hz
         state = [displacement[0] - offset, velocity, 0.0, offset]
         self.base = np.concatenate([parameter_row(begin), state])
@@ -308,7 +295,6 @@ class _Problem:
         scales += [1.0, size, omega * size, stiffness * size, size]
         self.scale = np.abs(np.array(scales))[self.free]
         self.size = size
-        self.evaluations = 0
 
     def unknowns(self, x: Array) -> Array:
         """Return parameters, initial state and offset for unknowns in parts of their scale."""
@@ -318,7 +304,6 @@ class _Problem:
 
     def simulate(self, full: Array) -> Array:
         """Return the errors of many simulations in parts of the displacement, shape (m, n)."""
-        self.evaluations += len(full)
         motion = np.empty((len(full), self.displacement.size))
         # contiguous whatever their number: for other layouts all is compiled again
         parameters, initial, offset = map(np.ascontiguousarray, np.hsplit(full, [7, 10]))
@@ -357,21 +342,20 @@ class _Problem:
         freedom = error.size - x.size
         normal = result.jac.T @ result.jac
         spread = np.linalg.pinv(normal, rcond=1e-15) * float(result.fun @ result.fun) / freedom
-        covariance = spread * np.outer(self.scale, self.scale)
-        identification = OscillatorFit(
+        names = [(NAMES + INITIAL)[i] for i in self.free]
+        errors = np.sqrt(np.diag(spread * np.outer(self.scale, self.scale)))
+        fit = OscillatorFit(
             model=model,
             initial=full[7:10],
             offset=float(full[10]),
-            names=self.names,
-            covariance=covariance,
+            values=dict(zip(names, full[self.free].tolist(), strict=True)),
+            standard_errors=dict(zip(names, errors.tolist(), strict=True)),
             error=error,
-            evaluations=self.evaluations,
-            warnings=(),
         )
-        warnings = _warnings(identification, self.size)
+        warnings = _warnings(fit, self.size)
         if result.status <= 0:
             warnings.append("the search did not end within 60 steps: parameters are uncertain")
-        return replace(identification, warnings=tuple(warnings))
+        return replace(fit, warnings=tuple(warnings))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -398,13 +382,12 @@ class OscillatorIdentification(Result):
 
     def data(self) -> dict[str, Any]:
         """Return parameters and errors as plain data."""
-        values = zip(self.fit.names, self.fit.values(), strict=True)
-        errors = self.fit.standard_errors()
+        errors = self.fit.standard_errors
         return {
             "record": self.fitted.predictions[0].source,
             "parameters": [
                 {"name": name, "value": value, "standard_error": errors[name]}
-                for name, value in values
+                for name, value in self.fit.values.items()
             ],
             "frequency_hz": self.model.frequency_hz,
             "output_rms": self.fitted.predictions[0].output_rms,
@@ -476,7 +459,7 @@ def identify_oscillator(
 def _warnings(result: OscillatorFit, size: float) -> list[str]:
     """Say what the record leaves open."""
     warnings = []
-    errors = result.standard_errors()
+    errors = result.standard_errors
     if result.rms > _POOR * size:
         raise ConvergenceError(
             f"the best oscillator with a Bouc-Wen force leaves {100.0 * result.rms / size:.0f} % "

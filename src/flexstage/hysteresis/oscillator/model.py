@@ -95,17 +95,13 @@ def _band_limited(u: Array) -> Array:
     # A constant must stay what it is.
     weights /= np.sum(weights, axis=1, keepdims=True)
     kernel = (to_coefficients @ weights).T
-    extended = _mirrored(u, REACH - 1)
+    # past its ends the force continues, turned half round about its first and last point
+    extended = np.pad(u, REACH - 1, mode="reflect", reflect_type="odd")
     windows = np.lib.stride_tricks.sliding_window_view(extended, 2 * REACH)
     pieces = np.empty((u.size - 1, COEFFICIENTS))
     for start in range(0, u.size - 1, 4096):
         pieces[start : start + 4096] = windows[start : start + 4096] @ kernel
     return pieces
-
-
-def _mirrored(u: Array, reach: int) -> Array:
-    """Continue an input past its ends by turning it half round about its first and last point."""
-    return np.pad(u, reach, mode="reflect", reflect_type="odd")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

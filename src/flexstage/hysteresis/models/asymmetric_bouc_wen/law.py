@@ -77,7 +77,7 @@ class AsymmetricBoucWen(BoucWenModel):
     """Exponent n, at least 1: how sharply h turns into saturation."""
 
     def __post_init__(self) -> None:
-        self._check(self.parameters(), "hysteresis_gain")
+        self._check("hysteresis_gain")
         self._check_exponent()
         if not self.lowest_input < self.highest_input:
             raise ModelError(
@@ -118,17 +118,11 @@ class AsymmetricBoucWen(BoucWenModel):
             self.hysteresis_gain, self.beta, self.gamma, self.exponent
         )
         least = self._least_slope()
-        invertible = ModelProperty(
-            name="invertible",
-            holds=least > steepest,
-            detail=(
-                f"least slope of the cubic from {self.lowest_input:.6g} to "
-                f"{self.highest_input:.6g} above the steepest dh/du: {least:.6g} and "
-                f"{steepest:.6g}; where it does not hold, the inverse stops where |h| grows too "
-                f"large"
-            ),
+        condition = (
+            f"least slope of the cubic from {self.lowest_input:.6g} to {self.highest_input:.6g} "
+            "above the steepest dh/du"
         )
-        return bounded, dissipative, invertible
+        return bounded, dissipative, self._invertible(least, steepest, condition)
 
     def _least_slope(self) -> float:
         """Return the least slope of the cubic within its range of inputs."""
@@ -139,9 +133,11 @@ class AsymmetricBoucWen(BoucWenModel):
                 places.append(turn)
         return min(self.gain + u * (2.0 * self.quadratic + u * 3.0 * self.cubic) for u in places)
 
-    def _compiled(self) -> tuple[Array, Array]:
-        law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
-        return np.array([self.gain, self.quadratic, self.cubic]), law
+    def _law(self) -> Array:
+        return classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
+
+    def _cubic(self) -> Array:
+        return np.array([self.gain, self.quadratic, self.cubic])
 
 
 def c_code(model: AsymmetricBoucWen) -> HysteresisCode:

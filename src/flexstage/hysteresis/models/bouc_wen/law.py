@@ -1,15 +1,10 @@
 """The Bouc-Wen model."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from flexstage.base.errors import ModelError
-from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
+from flexstage.hysteresis.model import Array, ModelProperty
 from flexstage.hysteresis.models.bouc_wen_common import (
     BoucWenModel,
     bouc_wen_c_code,
@@ -65,38 +60,21 @@ class BoucWen(BoucWenModel):
     """Exponent n, at least 1: how sharply h turns into saturation."""
 
     def __post_init__(self) -> None:
-        self._check(self.parameters(), "hysteresis_gain")
+        self._check("hysteresis_gain")
         self._check_exponent()
-
-    def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        outputs = samples(y, "output")
-        start = self._state(state)
-        if self.beta + self.gamma < 0.0:
-            raise ModelError(
-                f"Bouc-Wen is inverted only where beta + gamma is at least zero, got "
-                f"{self.beta + self.gamma:.6g}: its output falls in the end while the input rises"
-            )
-        limits = (-math.inf, math.inf, self.gain)
-        return self._inputs(outputs, start, limits, f"gain {self.gain:.6g}")
 
     def properties(self) -> tuple[ModelProperty, ...]:
         bounded, dissipative, steepest = classical_properties(
             self.hysteresis_gain, self.beta, self.gamma, self.exponent
         )
-        invertible = ModelProperty(
-            name="invertible",
-            holds=self.gain > steepest,
-            detail=(
-                f"gain > hysteresis_gain max(1, 2 beta/(beta + gamma)), the steepest dh/du, just "
-                f"after a reversal from saturation: {self.gain:.6g} and {steepest:.6g}; where it "
-                f"does not hold, the inverse stops where |h| grows too large"
-            ),
+        condition = (
+            "gain > hysteresis_gain max(1, 2 beta/(beta + gamma)), the steepest dh/du, just "
+            "after a reversal from saturation"
         )
-        return bounded, dissipative, invertible
+        return bounded, dissipative, self._invertible(self.gain, steepest, condition)
 
-    def _compiled(self) -> tuple[Array, Array]:
-        law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
-        return np.array([self.gain, 0.0, 0.0]), law
+    def _law(self) -> Array:
+        return classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
 
 
 def c_code(model: BoucWen) -> HysteresisCode:

@@ -1,15 +1,11 @@
 """The Dahl model of friction, as a model of hysteresis."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from flexstage.base.errors import ModelError
-from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
+from flexstage.hysteresis.model import Array, ModelProperty
 from flexstage.hysteresis.models.bouc_wen_common import BoucWenModel, classical_law
 from flexstage.hysteresis.models.bouc_wen_steps import friction_law
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
@@ -57,17 +53,11 @@ class Dahl(BoucWenModel):
     """
 
     def __post_init__(self) -> None:
-        self._check(self.parameters(), "stiffness", "limit")
+        self._check("stiffness", "limit")
         if self.exponent < 0.0:
             raise ModelError(f"the exponent of Dahl must be at least 0, got {self.exponent}")
 
-    def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        outputs, start = samples(y, "output"), self._state(state)
-        limits = (-math.inf, math.inf, self.gain)
-        return self._inputs(outputs, start, limits, f"gain {self.gain:.6g}")
-
     def properties(self) -> tuple[ModelProperty, ...]:
-        steepest = self.stiffness * 2.0**self.exponent
         return (
             ModelProperty(
                 name="bounded",
@@ -79,23 +69,18 @@ class Dahl(BoucWenModel):
                 holds=True,
                 detail="stiffness, limit above zero: F^2/(2 stiffness) never outgrows the work",
             ),
-            ModelProperty(
-                name="invertible",
-                holds=self.gain > steepest,
-                detail=(
-                    f"gain > stiffness 2^exponent, the steepest dF/du, just after a reversal from "
-                    f"the limit: {self.gain:.6g} and {steepest:.6g}; where it does not hold, the "
-                    f"inverse stops where |F| grows too large"
-                ),
+            self._invertible(
+                self.gain,
+                self.stiffness * 2.0**self.exponent,
+                "gain > stiffness 2^exponent, the steepest dF/du, just after a reversal from the "
+                "limit",
             ),
         )
 
-    def _compiled(self) -> tuple[Array, Array]:
+    def _law(self) -> Array:
         if self.exponent == 1.0:
-            law = classical_law(self.stiffness, self.stiffness / self.limit, 0.0, 1.0)
-        else:
-            law = friction_law(self.stiffness, self.limit, self.exponent)
-        return np.array([self.gain, 0.0, 0.0]), law
+            return classical_law(self.stiffness, self.stiffness / self.limit, 0.0, 1.0)
+        return friction_law(self.stiffness, self.limit, self.exponent)
 
 
 def c_code(model: Dahl) -> HysteresisCode:

@@ -286,16 +286,22 @@ def _phis(x: float) -> tuple[float, float, float, float]:
 
 
 @compiled
+def _derivatives(u: float, c: Array) -> tuple[float, float, float]:
+    """Return a cubic and its first two derivatives."""
+    return (
+        c[0] + u * (c[1] + u * (c[2] + u * c[3])),
+        c[1] + u * (2.0 * c[2] + 3.0 * u * c[3]),
+        2.0 * c[2] + 6.0 * u * c[3],
+    )
+
+
+@compiled
 def _step(u: float, y: float, v: float, sign: float, alpha: float, f: Array, g: Array) -> float:
     """Return the output after the input has gone from u by sign v."""
-    q0 = alpha * (f[0] + u * (f[1] + u * (f[2] + u * f[3])))
-    q1 = alpha * (f[1] + u * (2.0 * f[2] + 3.0 * u * f[3]))
-    q2 = alpha * (2.0 * f[2] + 6.0 * u * f[3])
-    q3 = alpha * 6.0 * f[3]
-    q0 += sign * (g[0] + u * (g[1] + u * (g[2] + u * g[3])))
-    q1 += sign * (g[1] + u * (2.0 * g[2] + 3.0 * u * g[3]))
-    q2 += sign * (2.0 * g[2] + 6.0 * u * g[3])
-    q3 += sign * 6.0 * g[3]
+    f0, f1, f2 = _derivatives(u, f)
+    g0, g1, g2 = _derivatives(u, g)
+    q0, q1, q2 = alpha * f0 + sign * g0, alpha * f1 + sign * g1, alpha * f2 + sign * g2
+    q3 = alpha * 6.0 * f[3] + sign * 6.0 * g[3]
     x = -alpha * v
     phi1, phi2, phi3, phi4 = _phis(x)
     change = v * (q0 * phi1 + v * (sign * q1 * phi2 + v * (q2 * phi3 + v * sign * q3 * phi4)))
@@ -327,8 +333,7 @@ def _distance(
     last = math.inf
     for _ in range(100):
         x = u + sign * v
-        curve = f[0] + x * (f[1] + x * (f[2] + x * f[3]))
-        slope = g[0] + x * (g[1] + x * (g[2] + x * g[3])) + sign * alpha * (curve - here)
+        slope = _derivatives(x, g)[0] + sign * alpha * (_derivatives(x, f)[0] - here)
         guess = v + sign * (target - here) / slope if slope > 0.0 else math.inf
         step = abs(guess - v)
         # Near the root steps get smaller each time, until rounding of the output is all of them.

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flexstage.base.errors import ModelError
-from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
+from flexstage.hysteresis.model import Array, ModelProperty
 from flexstage.hysteresis.models.bouc_wen_common import (
     BoucWenModel,
     bouc_wen_c_code,
@@ -51,6 +50,7 @@ class GeneralisedBoucWen(BoucWenModel):
         "shape": "1/{u}",
         "centre": "{u}",
     }
+    loading: ClassVar[str] = "its shape function is at least zero in every loading region"
 
     gain: float
     """Gain d of the straight part [unit of y per unit of u]."""
@@ -69,9 +69,7 @@ class GeneralisedBoucWen(BoucWenModel):
         if len(self.shape) != 6:
             raise ModelError(f"the shape of {self.title} is six numbers, got {len(self.shape)}")
         object.__setattr__(self, "shape", tuple(float(number) for number in self.shape))
-        numbers = {name: value for name, value in self.parameters().items() if name != "shape"}
-        numbers |= {f"shape number {k + 1}": number for k, number in enumerate(self.shape)}
-        self._check(numbers, "hysteresis_gain")
+        self._check("hysteresis_gain")
         self._check_exponent()
 
     def shape_function(self) -> Array:
@@ -91,19 +89,6 @@ class GeneralisedBoucWen(BoucWenModel):
         return (
             b1 * loaded + b2 * side * rate + b3 * side * h + b4 * rate + b5 * h + b6 * side
         ) + np.zeros((2, 2, 2))
-
-    def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        outputs = samples(y, "output")
-        start = self._state(state)
-        loading = self.shape_function()[:, 1].min()
-        if loading < 0.0:
-            raise ModelError(
-                f"{self.title} is inverted only where its shape function is at least zero in every "
-                f"loading region, got {loading:.6g}: its output falls in the end while the input "
-                f"rises"
-            )
-        limits = (-math.inf, math.inf, self.gain)
-        return self._inputs(outputs, start, limits, f"gain {self.gain:.6g}")
 
     def properties(self) -> tuple[ModelProperty, ...]:
         # Bounded: psi above zero where h is loaded, and h never beyond where unloading would drive
@@ -133,20 +118,15 @@ class GeneralisedBoucWen(BoucWenModel):
                     f"{loaded:.6g} at least, and {unloaded.max():.6g} at most"
                 ),
             ),
-            ModelProperty(
-                name="invertible",
-                holds=self.gain > steepest,
-                detail=(
-                    f"gain above the steepest dh/du, just after a reversal from saturation: "
-                    f"{self.gain:.6g} and {steepest:.6g}; where it does not hold, the inverse "
-                    f"stops where |h| grows too large"
-                ),
+            self._invertible(
+                self.gain,
+                steepest,
+                "gain above the steepest dh/du, just after a reversal from saturation",
             ),
         )
 
-    def _compiled(self) -> tuple[Array, Array]:
-        law = law_of(self.hysteresis_gain, self.exponent, self.centre, self.shape_function())
-        return np.array([self.gain, 0.0, 0.0]), law
+    def _law(self) -> Array:
+        return law_of(self.hysteresis_gain, self.exponent, self.centre, self.shape_function())
 
 
 def c_code(model: GeneralisedBoucWen) -> HysteresisCode:

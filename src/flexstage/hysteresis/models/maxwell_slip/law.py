@@ -34,6 +34,7 @@ from flexstage.hysteresis.models.play_sum import (
     STATE_ROUNDING,
     PiecewiseLinear,
     dead_zone_line,
+    dead_zones,
     play_state,
 )
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of, tunable_of
@@ -98,12 +99,11 @@ class GeneralisedMaxwellSlip(HysteresisModel):
 
     def __post_init__(self) -> None:
         r = rising(self.thresholds, "thresholds of elements", above=0.0)
-        d = rising(self.dead_zones, "dead zones", least=0)
         k = fixed(self.element_stiffness, "stiffnesses of elements", r.shape)
-        v = fixed(self.dead_zone_weights, "weights of dead zones", d.shape)
+        d, v = dead_zones(self.dead_zones, self.dead_zone_weights)
         self._set(thresholds=r, element_stiffness=k, dead_zones=d, dead_zone_weights=v)
         self._set(stiffness=checked(self.stiffness, "stiffness"))
-        least = self._least_slope()
+        least = least_slope(self.play_terms())
         if least <= 0.0:
             raise ModelError(
                 f"the voltage must rise with the displacement everywhere, got a slope of "
@@ -161,7 +161,7 @@ class GeneralisedMaxwellSlip(HysteresisModel):
     def properties(self) -> tuple[ModelProperty, ...]:
         # a closed cycle takes in the work of the sliders: sum of k_i r_i times the way that slider
         # i goes
-        least = self._least_slope()
+        least = least_slope(self.play_terms())
         weakest = float(np.min(self.element_stiffness))
         return (
             ModelProperty(
@@ -182,11 +182,6 @@ class GeneralisedMaxwellSlip(HysteresisModel):
                 detail="the voltage is given by the displacement, as the model is written",
             ),
         )
-
-    def _least_slope(self) -> float:
-        """Return the least slope of the voltage over the displacement."""
-        gain, thresholds, _, slopes, _ = self.play_terms()
-        return least_slope(gain, thresholds, slopes)
 
     def _state(self, state: ArrayLike | None) -> Array:
         checked_copy = HysteresisModel._state(self, state)

@@ -13,8 +13,6 @@ from flexstage.hysteresis.model import (
     ModelProperty,
     Response,
     Segments,
-    fixed,
-    rising,
     samples,
 )
 from flexstage.hysteresis.models.play_model import (
@@ -24,7 +22,7 @@ from flexstage.hysteresis.models.play_model import (
     plays_and_line_matlab_code,
     sum_numbers,
 )
-from flexstage.hysteresis.models.play_sum import PiecewiseLinear, dead_zone_line
+from flexstage.hysteresis.models.play_sum import PiecewiseLinear, dead_zone_line, dead_zones
 from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode, code_of
 
@@ -84,10 +82,8 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
 
     def __post_init__(self) -> None:
         plays = self._plays()
-        d = rising(self.dead_zones, "dead zones", least=0)
-        weights = fixed(self.dead_zone_weights, "weights of dead zones", d.shape)
+        d, weights = dead_zones(self.dead_zones, self.dead_zone_weights)
         self._set(**plays.parameters(), dead_zones=d, dead_zone_weights=weights)
-        self.line()
 
     def line(self) -> PiecewiseLinear:
         """Return the function S that follows the plays.
