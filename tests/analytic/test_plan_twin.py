@@ -209,7 +209,7 @@ def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatc
     )
     c, s = np.cos(np.radians(23.0)), np.sin(np.radians(23.0))
     rest, left = [], []
-    address = "twin://?seed=11&model=lumped&quiet=1&scatter=0&servo_rate=1000"
+    address = f"{TWIN}&scatter=0"
 
     with connect(address, design("vgtu-piezo")) as twin:
 
