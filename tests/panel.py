@@ -250,7 +250,8 @@ def _patient(make: Callable[..., Any]) -> Callable[..., Any]:
 def looked_at(folder: Path, *options: str) -> Iterator[Look]:
     """Serve the panel and give a browser's page of it, with a piezo stage opened in Design."""
     with browser() as running, served(folder, *options) as (address, _):
-        page = running.new_page()
+        # what moves takes the time of the server, and of tests beside this one
+        page = running.new_page(reduced_motion="reduce")
         look = Look(page)
         page.goto(address)
         page.wait_for_selector("main.view h1")

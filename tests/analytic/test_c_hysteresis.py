@@ -79,7 +79,12 @@ def test_outputs_and_memory_are_those_of_python_on_long_walks(name: str) -> None
         # whole numbers, too: plays stop on knots, inputs turn where they turned before
         u = inputs(model, seed, 10_000)
         u = np.where(np.arange(u.size) % 7 < 4, np.round(u), u) if seed == 13 else u
-        expected, state = stepped(model, u, state)
+        if model.kind == "preisach":
+            # at once, plays that stop on knots differ by rounding from those of single samples
+            expected, state = stepped(model, u, state)
+        else:
+            response = model.simulate(u, state)
+            expected, state = response.values, response.state
         np.testing.assert_array_equal(compiled.moves(u), expected)
         np.testing.assert_array_equal(compiled.memory, state)
 

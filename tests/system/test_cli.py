@@ -37,17 +37,10 @@ def left_behind(directory: Path) -> list[str]:
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize(
-    ("models", "less"),
-    [
-        ("lumped", BRIEFLY),
-        pytest.param("lumped,superelement", (), marks=pytest.mark.slow),
-    ],
-)
 def test_study_prints_a_table_and_writes_a_report(
-    elsewhere: Path, capsys: pytest.CaptureFixture[str], models: str, less: tuple[str, ...]
+    elsewhere: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run("study", "vgtu-piezo", "--model", models, *less) == 0
+    assert run("study", "vgtu-piezo", "--model", "lumped", *BRIEFLY) == 0
     out = capsys.readouterr().out
     for text in (
         # units may stand in the next line
@@ -60,13 +53,8 @@ def test_study_prints_a_table_and_writes_a_report(
         "to measured",
     ):
         assert text in out
-    assert ("Claim of 17 % less motion error" in out) == (not less)
-    simulated = [] if less else ["out/vgtu-piezo/virtual-measurement.html"]
-    assert left_behind(elsewhere) == [
-        "out/vgtu-piezo/report.html",
-        "out/vgtu-piezo/results.json",
-        *simulated,
-    ]
+    assert "Claim of" not in out
+    assert left_behind(elsewhere) == ["out/vgtu-piezo/report.html", "out/vgtu-piezo/results.json"]
 
 
 def test_a_file_by_a_name_that_is_nearly_right_is_suggested(
@@ -234,6 +222,7 @@ def test_every_model_of_a_stage_side_by_side(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_solid_elements_are_there_to_compare_with(
     elsewhere: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

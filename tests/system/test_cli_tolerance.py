@@ -268,13 +268,13 @@ def test_the_page_says_what_the_description_is_and_no_other_claim_of_it(capsys, 
 
 
 @pytest.mark.slow
-def test_one_two_and_four_workers_give_the_same_bits(monkeypatch):
+def test_one_and_four_workers_give_the_same_bits(monkeypatch):
     monkeypatch.setattr("flexstage.studies.explore.workers._FIRST_ESTIMATE", 0.0)
     monkeypatch.setattr("flexstage.studies.explore.workers._WORTH_SHARING", 0.0)
     stage = design("vgtu-piezo")
     figures = default_figures(known_figures(stage))
     lots = []
-    for count in (1, 2, 4):
+    for count in (1, 4):
         with open_workers(count) as workers:
             lots.append(
                 tolerance(
@@ -282,7 +282,6 @@ def test_one_two_and_four_workers_give_the_same_bits(monkeypatch):
                 )
             )
     assert np.array_equal(lots[0].values, lots[1].values)
-    assert np.array_equal(lots[0].values, lots[2].values)
     # and the first of them are those of a small lot, in another batch
     few = tolerance(stage, figures=figures, samples=123, seed=7, model="lumped")
     assert few.values == pytest.approx(lots[0].values[:123], rel=1e-10, abs=1e-12)

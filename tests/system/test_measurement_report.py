@@ -384,7 +384,7 @@ def test_a_bad_description_leaves_no_study(capsys, tmp_path):
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
 def test_the_study_of_the_two_stages_has_its_table(capsys, tmp_path, name):
-    status, _, err = run(
+    status, out, err = run(
         capsys,
         name,
         "--model",
@@ -395,6 +395,10 @@ def test_the_study_of_the_two_stages_has_its_table(capsys, tmp_path, name):
         tmp_path,
     )
     assert (status, err) == (0, "")
+    claim = {"vgtu-piezo": 17, "vgtu-mechanical": 44}[name]
+    assert f"Claim of {claim} % less motion error" in out
+    written = sorted(file.name for file in tmp_path.iterdir())
+    assert written == ["report.html", "results.json", "virtual-measurement.html"]
     results = json.loads((tmp_path / "results.json").read_text())
     require_valid(results, "study")
     got = {(c["quantity"], c["axis"]): c for c in results["virtual_measurement"]["characteristics"]}

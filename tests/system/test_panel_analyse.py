@@ -356,12 +356,16 @@ def test_a_stage_is_analysed_in_the_page(tmp_path: Path) -> None:
     (tmp_path / "lever.yaml").write_text(LEVER, encoding="utf-8")
     with looked_at(tmp_path) as look:
         page = look.page
+        page.emulate_media(reduced_motion="no-preference")
         page.get_by_role("link", name="Analyse").click()
         page.get_by_role("heading", name="Models").wait_for()
         page.locator("input[type=file]").set_input_files(tmp_path / "lever.yaml")
         page.get_by_role("heading", name="lever.yaml", exact=True).wait_for()
         # the quick model is there by itself; finite elements are asked for, with a finer mesh
         page.locator("canvas[aria-label*='reads 3']").wait_for()
+        # it moves by itself, unless one wants to see as little of that as possible
+        page.get_by_role("button", name="Pause").click()
+        page.emulate_media(reduced_motion="reduce")
         page.get_by_text("Options").click()
         page.get_by_label("Accuracy [%]").fill("2")
         for model in ("finite elements, condensed", "finite elements in 3D of the whole"):
@@ -379,7 +383,7 @@ def test_a_stage_is_analysed_in_the_page(tmp_path: Path) -> None:
         page.get_by_role("option", name="finite elements in 3D of the whole", exact=True).click()
         page.get_by_text("Bodies are drawn rigid").wait_for(state="hidden")
         page.locator("canvas[aria-label*='equivalent stress [MPa]']").wait_for()
-        page.get_by_role("button", name="Pause").click()
+        page.get_by_role("button", name="Play").wait_for()
         still = drawn(page)
         assert still == drawn(page)
         page.get_by_role("slider", name="Amplitude").fill("3")

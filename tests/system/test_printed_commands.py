@@ -54,6 +54,7 @@ _SERVES = {
 #: Where a twin listens, as it is printed: a port that another program may have, or another page.
 _PRINTED = "127.0.0.1:50000"
 _LIMIT = 300.0
+_FILE = re.compile(r"[\w.-]+\.(?:csv|dat|h5|step|txt|yaml)\b")
 
 
 def measured(file: Path, rates: tuple[float, ...] = (0.5, 5.0)) -> None:
@@ -324,6 +325,7 @@ class Page:
         self.given = GIVEN.get(path.name, {})
         self.address = _PRINTED
         self.names: dict[str, Any] = {"__name__": "__snippet__"}
+        self.python: list[Block] = []
         self.faults: list[str] = []
         self.later: list[Command] = []
         self.ran = 0
@@ -334,10 +336,7 @@ class Page:
             for at, block in enumerate(self.blocks):
                 self.write(block)
                 if block.language in ("python", "pycon"):
-                    if ">>> " in block.code:
-                        session(block, self.names, self.name)
-                    else:
-                        exec(compile(block.code, self.name, "exec"), self.names)
+                    self.python.append(block)
                 elif block.language in _SHELLS:
                     found = commands(block.code)
                     if found and not any(c.printed for c in found):
@@ -358,6 +357,23 @@ class Page:
         if header:
             (self.folder / header[1]).write_text(block.code, encoding="utf-8")
 
+    def awaited(self, line: str) -> bool:
+        """Whether a command reads a file that the Python above writes, by its line or a plan."""
+        above = "".join(block.code for block in self.python)
+        plans = [self.folder / name for name in _FILE.findall(line) if name.endswith(".yaml")]
+        texts = [line, *(plan.read_text("utf-8") for plan in plans if plan.is_file())]
+        names = {name for text in texts for name in _FILE.findall(text)}
+        return any(name in above and not (self.folder / name).exists() for name in names)
+
+    def run_python(self) -> None:
+        """Run the Python above; another test runs that of every page."""
+        for block in self.python:
+            if ">>> " in block.code:
+                session(block, self.names, self.name)
+            else:
+                exec(compile(block.code, self.name, "exec"), self.names)
+        self.python.clear()
+
     def printed(self, block: Block, below: Block) -> bool:
         """Whether a block of text below a command is what it prints, and no list of files."""
         listing = re.match(r"\S+/\n", below.code)
@@ -375,6 +391,8 @@ class Page:
         for name in made:
             if not (self.folder / name).exists():
                 self.given[name](self.folder / name)
+        if self.awaited(line):
+            self.run_python()
         if wait and self.missing(line):
             self.later.append(command)
             return

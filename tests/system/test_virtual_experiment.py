@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError, RecordError
-from flexstage.fem import superelement_model
 from flexstage.hysteresis import MODELS
 from flexstage.lumped import lumped_system
 from flexstage.report import report_html
@@ -22,20 +21,28 @@ from flexstage.virtual.stack import virtual_stack
 PUBLISHED = {"x": (63.12e-6, 7.91e-6, 1.05e-6), "y": (60.90e-6, 7.55e-6, 0.83e-6)}
 
 
-@pytest.fixture(scope="module")
-def experiments() -> dict[str, AxisExperiment]:
-    stage = design("vgtu-piezo")
-    system = superelement_model(stage).system
-    return {axis: virtual_experiment(stage, system, axis, seed=5) for axis in ("x", "y")}
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("axis", ["x", "y"])
-def test_the_virtual_stage_has_the_measured_loop(
-    axis: str, experiments: dict[str, AxisExperiment]
-) -> None:
+@pytest.mark.usefixtures("undrawn")
+def test_a_study_is_as_good_as_published() -> None:
+    study = run_study(design("vgtu-piezo"), model="superelement", parts="identification")
+    assert list(study.experiments) == ["x", "y"]
+    for axis, made in study.experiments.items():
+        require_the_measured_loop(axis, made)
+        require_bouc_wen_as_published(axis, made)
+        require_a_far_better_model(made)
+    page = report_html(study)
+    assert '<section id="hysteresis">' in page
+    assert "simulated" in page
+    assert "x, published, inverse of Bouc-Wen" in page
+    assert "within" in page
+    results = study.to_dict()["hysteresis"]
+    assert set(results) == {"x", "y"}
+    assert results["x"]["runs"][1]["reduction_percent"] > 99.0
+    assert results["x"]["open_loop"]["tracking_rms"] > results["x"]["runs"][1]["tracking_rms"]
+
+
+def require_the_measured_loop(axis: str, made: AxisExperiment) -> None:
     stroke, width, _ = PUBLISHED[axis]
-    made = experiments[axis]
     # set by three corrections, each of which leaves a few thousandths of the last error
     assert made.stroke == pytest.approx(stroke, rel=1e-3)
     assert made.width == pytest.approx(width, rel=5e-3)
@@ -43,12 +50,7 @@ def test_the_virtual_stage_has_the_measured_loop(
     assert 0.97 * width < made.open_loop.loop_width < width
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("axis", ["x", "y"])
-def test_bouc_wen_is_as_good_as_published(
-    axis: str, experiments: dict[str, AxisExperiment]
-) -> None:
-    made = experiments[axis]
+def require_bouc_wen_as_published(axis: str, made: AxisExperiment) -> None:
     run = made.runs[0]
     assert run.identification.kind == "bouc-wen"
     assert made.deviation <= PUBLISHED[axis][2]
@@ -58,10 +60,8 @@ def test_bouc_wen_is_as_good_as_published(
     assert 1.5 * run.tracking.loop_width < run.tracking.rms < 0.4e-6
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("axis", ["x", "y"])
-def test_the_best_model_is_far_better(axis: str, experiments: dict[str, AxisExperiment]) -> None:
-    first, best = experiments[axis].runs
+def require_a_far_better_model(made: AxisExperiment) -> None:
+    first, best = made.runs
     assert best.identification.kind == "preisach"
     assert best.reduction_percent >= 99.0
     assert best.tracking.rms < 0.1 * first.tracking.rms
@@ -89,6 +89,7 @@ def test_the_name_of_a_probe_changes_no_record() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_study_has_hysteresis_whatever_its_probe_is_called() -> None:
     study = run_study(with_gauge(design("bridge")), model="lumped", parts=("identification",))
     assert set(study.experiments) == {"y"}
@@ -153,19 +154,8 @@ def test_an_axis_without_a_stack_is_refused() -> None:
         virtual_experiment(stage, lumped_system(stage), "x")
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_the_report_shows_it_beside_what_was_published() -> None:
-    study = run_study(design("vgtu-piezo"), parts="identification")
-    page = report_html(study)
-    assert '<section id="hysteresis">' in page
-    assert "simulated" in page
-    assert "x, published, inverse of Bouc-Wen" in page
-    assert "within" in page
-    results = study.to_dict()["hysteresis"]
-    assert set(results) == {"x", "y"}
-    assert results["x"]["runs"][1]["reduction_percent"] > 99.0
-    assert results["x"]["open_loop"]["tracking_rms"] > results["x"]["runs"][1]["tracking_rms"]
+def test_a_stage_without_stacks_has_no_hysteresis() -> None:
     without = run_study(design("vgtu-mechanical"), parts="identification")
     assert without.experiments == {}
     assert '<section id="hysteresis">' not in report_html(without)
