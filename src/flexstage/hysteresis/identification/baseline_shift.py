@@ -11,9 +11,13 @@ from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 
 from flexstage.base.arrays import Array
-from flexstage.hysteresis.chain.creep import CreepSpectrum, Start
+from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.identification.chain_residual import dictionary
-from flexstage.hysteresis.identification.cycles import RecordSection
+from flexstage.hysteresis.identification.cycles import (
+    RecordSection,
+    possible_starts,
+    with_start,
+)
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
@@ -318,12 +322,9 @@ class _CoarseModel:
 def _with_other_creep(model: _CoarseModel, chain: ChainValues) -> Iterator[_CoarseModel]:
     """Yield the model for other starts of creep, and with the spectrum where that is usual."""
     sections = model.records.data.sections
-    longest = max(s.u.size * s.dt for s in sections)
-    starts: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
-    for start in starts:
+    for start in possible_starts(sections):
         if any(s.start != start for s in sections if not s.periodic):
-            others = [s if s.periodic else replace(s, start=start) for s in sections]
-            yield model.with_creep(others, None)
+            yield model.with_creep(with_start(sections, start), None)
     if chain.spectrum is not None and chain.creep.lag_gains[-1] <= _THRESHOLDS.usual_creep:
         yield model.with_creep(sections, chain.spectrum)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum, Start
-from flexstage.hysteresis.identification.cycles import RecordSection
+from flexstage.hysteresis.identification.cycles import RecordSection, with_start
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     Rows,
@@ -403,17 +403,15 @@ class SpectrumFit:
         self._times = np.geomspace(shortest, longest, count)
         self._lags = [ChainValues().with_lag(float(t)) for t in self._times]
 
-    def with_starts(self, starts: Sequence[Start] | None = None) -> "SpectrumFit":
-        """Return the fit with other motion of the drive before each record.
+    def with_start(self, start: Start) -> "SpectrumFit":
+        """Return the fit with other motion of the drive before each record."""
+        return self._of_sections(with_start(self._data.sections, start))
 
-        If it is unknown, the decay of each lag is added to the nuisance columns of the record.
-        """
-        sections = self._data.sections
-        if starts is None:
-            sections = tuple(self._unsettled(s) for s in sections)
-        else:
-            pairs = zip(sections, starts, strict=True)
-            sections = tuple(replace(s, start=start) for s, start in pairs)
+    def with_any_start(self) -> "SpectrumFit":
+        """Return the fit with the decay of each lag in the nuisance columns of the records."""
+        return self._of_sections(tuple(self._unsettled(s) for s in self._data.sections))
+
+    def _of_sections(self, sections: tuple[RecordSection, ...]) -> "SpectrumFit":
         other = copy(self)
         other._data = replace(self._data, sections=sections)
         return other

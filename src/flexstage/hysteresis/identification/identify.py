@@ -22,7 +22,7 @@ from flexstage.hysteresis.identification.chain_search import (
     other_chains,
     with_spectrum,
 )
-from flexstage.hysteresis.identification.cycles import RecordSection
+from flexstage.hysteresis.identification.cycles import RecordSection, with_start
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     averaged,
@@ -315,9 +315,8 @@ def _before(best: FittedModel, data: FitData) -> tuple[float, float, tuple[Start
     outputs: dict[Start, list[Array]] = {}
     starts: tuple[Start, ...] = (assumed, "rested", 0.0, math.inf)
     for start in dict.fromkeys(starts):
-        shifted = tuple(s if s.periodic else replace(s, start=start) for s in sections)
-        with_start = replace(data, sections=shifted)
-        outputs[start] = [c[:, 0] for c in behind_chain(quasi, with_start)]
+        begun = replace(data, sections=with_start(sections, start))
+        outputs[start] = [c[:, 0] for c in behind_chain(quasi, begun)]
     use, rows = data.use[0], data.rows
     rms: dict[Start, float] = {}
     for start, output in outputs.items():
