@@ -293,9 +293,9 @@ def find_starts(
             chains.append(_creep(search, replace(chain, delay=estimate.values.delay)))
         else:
             chains.append(_delay_and_creep(search, chain, _longest_delay(data)))
-        residuals.append((search.rms(chains[-1]), search.rms_of_common_offset(chains[-1])))
+        residuals.append([search.rms(chains[-1], common=common) for common in (False, True)])
     # the records have a common offset if some start makes it likely
-    common = int(any(offset <= _COMMON_OFFSET * free for free, offset in residuals))
+    common = any(offset <= _COMMON_OFFSET * free for free, offset in residuals)
     k = _likeliest([rms[common] for rms in residuals], _BETTER)
     values, least = chains[k], residuals[k][common]
     best = tuple(s.start for s in with_start(data.sections, every[k]))
@@ -307,12 +307,11 @@ def find_starts(
         if np.any(rms <= limits)
     )
     if len(best) > 1 and values.creep_per_decade > 0.0:
-        residual = search.rms_of_common_offset if common else search.rms
         for i, start in itertools.product(range(len(best)), every):
             trial = (*best[:i], start, *best[i + 1 :])
             if not data.sections[i].periodic:
                 search.set_starts(trial)
-                if (rms := residual(values)) < _BETTER * least:
+                if (rms := search.rms(values, common=common)) < _BETTER * least:
                     best, least = trial, rms
     # the largest change is two standard errors
     return best, 0.5 * width

@@ -22,7 +22,7 @@ from flexstage.hysteresis.identification.model_fit import (
     fitted_levels,
     residual,
 )
-from flexstage.hysteresis.identification.projection import Normal, Solution, solve
+from flexstage.hysteresis.identification.projection import Solution, solve
 from flexstage.hysteresis.model import HysteresisModel
 
 #: Number of points of the coarse grid with a local search.
@@ -71,12 +71,10 @@ class SearchedFit(ModelFit):
         """
         every = [self.columns(s, place, data) for s in data.sections]
         behind = behind_chain(every, data)
-        solution = self._solution(equations(behind, data))
-        return solution, behind, residual(behind, solution, data) / data.stroke
-
-    def _solution(self, normal: Normal) -> Solution:
+        normal = equations(behind, data)
         smoothing = None if self.penalty is None else normal.count * self.penalty
-        return solve(normal, free=self.free, smoothing=smoothing)
+        solution = solve(normal, free=self.free, smoothing=smoothing)
+        return solution, behind, residual(behind, solution, data) / data.stroke
 
     def fit(self, data: FitData, start: Array | None = None) -> FitResult:
         place = (
