@@ -299,7 +299,7 @@ def short_data(
         _rows_in_use(r, s, round(s.dt / w.dt), train)
         for r, s, w in zip(rows, short.sections, data.sections, strict=True)
     )
-    return fit_data(short, chain, rows, use)
+    return replace(fit_data(short, chain), rows=rows, use=use)
 
 
 def dictionary(data: FitData) -> tuple[list[Array], NDArray[np.bool_], Array]:
