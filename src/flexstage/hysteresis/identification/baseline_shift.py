@@ -444,17 +444,13 @@ def _near_steps(u: Array, distance: int) -> NDArray[np.bool_]:
 def _jump_fault(data: FitData, record: int, at: float, size: float) -> RecordFault:
     jump = data.sign * size
     percent = 100.0 * jump / data.stroke
-    return RecordFault(
-        kind="jump",
-        record=record,
-        at=(at,),
-        size=jump,
-        percent=percent,
-        text=f"the output jumps by {readable(data.output_unit, jump)} "
-        f"({percent:.2g} % of the stroke) at {at:.6g} s and keeps the new level, without a step of "
-        "the input: check the sensor for a shift of its zero and the mounting for slip, and "
-        "identify one side of the jump with --rows",
+    text = (
+        f"the output jumps by {readable(data.output_unit, jump)} ({percent:.2g} % of the stroke) "
+        f"at {at:.6g} s and keeps the new level, without a step of the input: check the sensor for "
+        "a shift of its zero and the mounting for slip, and identify one side of the jump with "
+        "--rows"
     )
+    return RecordFault.of("jump", record, (at,), jump, data.stroke, text)
 
 
 def _drift_faults(
@@ -504,14 +500,10 @@ def _drift_fault(
     percent = 100.0 * size / data.stroke
     unit, factor = readable_unit(size / duration, f"{data.output_unit or 'units'}/s")
     per_second = factor / duration
-    return RecordFault(
-        kind="drift",
-        record=record,
-        at=(),
-        size=size,
-        percent=percent,
-        text=f"the output drifts by {size * per_second:.3g} {unit} "
-        f"(standard error {error * per_second:.1g}), {percent:.2g} % of the stroke over "
-        "the record, and does not slow down as creep does: fit a linear drift with --zero "
-        "drift, and look for a source of heat",
+    text = (
+        f"the output drifts by {size * per_second:.3g} {unit} (standard error "
+        f"{error * per_second:.1g}), {percent:.2g} % of the stroke over the record, and does not "
+        "slow down as creep does: fit a linear drift with --zero drift, and look for a source of "
+        "heat"
     )
+    return RecordFault.of("drift", record, (), size, data.stroke, text)

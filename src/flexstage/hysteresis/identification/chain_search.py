@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -55,9 +55,8 @@ _LONGEST_DELAY = 0.08
 #: second one, as shares of the largest.
 _DELAYS = 0.0, 0.05, 0.1, 0.2, 0.45, 1.0
 _NEAR = -0.06, -0.03, 0.0, 0.03, 0.06
-#: Largest creep [1 per decade], and that above which it has another cause: piezo drives creep by
-#: 1 to 3 %.
-_LARGEST_CREEP, _HIGH_CREEP = 0.12, 0.05
+#: Largest creep [1 per decade].
+_LARGEST_CREEP = 0.12
 #: Creep of piezo stacks [1 per decade], and half of the range in data sheets (1 to 2 %: Physik
 #: Instrumente, Piezo Tutorial, "Creep"): prior for records of one rate, which hide creep.
 _USUAL_CREEP, _CREEP_RANGE = 0.015, 0.005
@@ -83,6 +82,9 @@ _COARSE_REDUCTION = 0.002
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChainEstimate:
     """Best linear chain of a measurement, for any hysteresis."""
+
+    #: Piezo drives creep by 1 to 3 % per decade of time: a larger value has another cause.
+    high_creep: ClassVar[float] = 0.05
 
     values: ChainValues
     """The chain."""
@@ -127,7 +129,7 @@ class ChainEstimate:
                 "another effect is mistaken for creep, such as a drift of the output (compare "
                 "with --zero drift), a slow sensor or noise of the input"
             )
-        elif self.searched and creep > _HIGH_CREEP:
+        elif self.searched and creep > self.high_creep:
             of = "" if self.values.spectrum is None else " on average over its spectrum"
             notes.append(
                 f"creep of {100.0 * creep:.2g} % per decade{of} is more than that of piezo drives "
