@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +92,7 @@ def normal_equations(
     return Normal(gram=gram, right=right, square=square, count=count, columns=m)
 
 
-def combined(normal: Normal, to: Array) -> Normal:
+def combined(normal: Normal, to: NDArray[Any]) -> Normal:
     """Return the equations of sums of columns: `to` has a column for each sum, shape (m, s)."""
     sums = np.asarray(block_diag(to, np.eye(normal.right.size - normal.columns)))
     gram, right = sums.T @ normal.gram @ sums, sums.T @ normal.right
