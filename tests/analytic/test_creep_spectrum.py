@@ -54,7 +54,6 @@ def relative(creep: Creep, frequency_hz: Array) -> Complex:
 KNOWN = ChainEstimate(
     values=ChainValues(delay=DELAY, creep_per_decade=0.03),
     searched=("creep_per_decade",),
-    rms=0.0,
     errors={"creep_per_decade": 0.01},
 )
 

@@ -1,5 +1,7 @@
 """Error, interval and band of held-out stretches: against known scatter, and with one another."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ def data_of(*records, used=None):
         sections=(), sign=1.0, input_unit="", output_unit="", stroke=100.0, warnings=()
     )
     rows = tuple(Rows(at=np.arange(c.size), cycle=c) for c in cycles)
-    return fit_data(nothing, ChainValues(), rows, tuple(use))
+    return replace(fit_data(nothing, ChainValues()), rows=rows, use=tuple(use))
 
 
 def errors_of(*rms):

@@ -11,9 +11,13 @@ from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 
 from flexstage.base.arrays import Array
-from flexstage.hysteresis.chain.creep import CreepSpectrum, Start
+from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.identification.chain_residual import dictionary
-from flexstage.hysteresis.identification.cycles import RecordSection
+from flexstage.hysteresis.identification.cycles import (
+    RecordSection,
+    possible_starts,
+    with_start,
+)
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
@@ -318,12 +322,9 @@ class _CoarseModel:
 def _with_other_creep(model: _CoarseModel, chain: ChainValues) -> Iterator[_CoarseModel]:
     """Yield the model for other starts of creep, and with the spectrum where that is usual."""
     sections = model.records.data.sections
-    longest = max(s.u.size * s.dt for s in sections)
-    starts: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
-    for start in starts:
+    for start in possible_starts(sections):
         if any(s.start != start for s in sections if not s.periodic):
-            others = [s if s.periodic else replace(s, start=start) for s in sections]
-            yield model.with_creep(others, None)
+            yield model.with_creep(with_start(sections, start), None)
     if chain.spectrum is not None and chain.creep.lag_gains[-1] <= _THRESHOLDS.usual_creep:
         yield model.with_creep(sections, chain.spectrum)
 
@@ -443,17 +444,13 @@ def _near_steps(u: Array, distance: int) -> NDArray[np.bool_]:
 def _jump_fault(data: FitData, record: int, at: float, size: float) -> RecordFault:
     jump = data.sign * size
     percent = 100.0 * jump / data.stroke
-    return RecordFault(
-        kind="jump",
-        record=record,
-        at=(at,),
-        size=jump,
-        percent=percent,
-        text=f"the output jumps by {readable(data.output_unit, jump)} "
-        f"({percent:.2g} % of the stroke) at {at:.6g} s and keeps the new level, without a step of "
-        "the input: check the sensor for a shift of its zero and the mounting for slip, and "
-        "identify one side of the jump with --rows",
+    text = (
+        f"the output jumps by {readable(data.output_unit, jump)} ({percent:.2g} % of the stroke) "
+        f"at {at:.6g} s and keeps the new level, without a step of the input: check the sensor for "
+        "a shift of its zero and the mounting for slip, and identify one side of the jump with "
+        "--rows"
     )
+    return RecordFault.of("jump", record, (at,), jump, data.stroke, text)
 
 
 def _drift_faults(
@@ -503,14 +500,10 @@ def _drift_fault(
     percent = 100.0 * size / data.stroke
     unit, factor = readable_unit(size / duration, f"{data.output_unit or 'units'}/s")
     per_second = factor / duration
-    return RecordFault(
-        kind="drift",
-        record=record,
-        at=(),
-        size=size,
-        percent=percent,
-        text=f"the output drifts by {size * per_second:.3g} {unit} "
-        f"(standard error {error * per_second:.1g}), {percent:.2g} % of the stroke over "
-        "the record, and does not slow down as creep does: fit a linear drift with --zero "
-        "drift, and look for a source of heat",
+    text = (
+        f"the output drifts by {size * per_second:.3g} {unit} (standard error "
+        f"{error * per_second:.1g}), {percent:.2g} % of the stroke over the record, and does not "
+        "slow down as creep does: fit a linear drift with --zero drift, and look for a source of "
+        "heat"
     )
+    return RecordFault.of("drift", record, (), size, data.stroke, text)

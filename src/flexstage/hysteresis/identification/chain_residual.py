@@ -7,14 +7,13 @@ import operator
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum, Start
-from flexstage.hysteresis.identification.cycles import RecordSection
+from flexstage.hysteresis.identification.cycles import RecordSection, with_start
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     Rows,
@@ -39,7 +38,7 @@ from flexstage.hysteresis.identification.model_fit import (
 from flexstage.hysteresis.identification.projection import (
     Normal,
     Solution,
-    column_subset,
+    combined,
     group_sums,
     normal_equations,
     orthonormal,
@@ -104,7 +103,7 @@ class ChainResidual:
         coarse = np.arange(moving.size).reshape(_DICTIONARY)[::2].ravel()
         half = PreisachFit(_DICTIONARY[0] // 2, _DICTIONARY[1])
         self._coarse_penalty = _smoothing(half, self._data, moving[coarse])
-        self._coarse = np.flatnonzero(np.isin(np.flatnonzero(moving), coarse))
+        self._coarse = np.eye(moving.sum())[:, np.isin(np.flatnonzero(moving), coarse)]
         # creep acts on every column in the same way: its share of a column is computed once
         longest = max(1000.0, *(10.0 * s.u.size * s.dt for s in sections))
         self._unit = ChainValues(creep_per_decade=1.0, creep_longest=longest)
@@ -159,19 +158,16 @@ class ChainResidual:
         self._both.pop(i, None)
         self._products = {at: n for at, n in self._products.items() if at[0] != i}
 
-    def rms(self, chain: ChainValues) -> float:
-        """Return the rms residual of a chain with the best density, over the stroke."""
-        normal = self._normal(chain)
-        square = max(residual_square(normal, self._solve(normal)), 0.0)
-        return math.sqrt(square / normal.count) / self._data.stroke
+    def rms(self, chain: ChainValues, *, common: bool = False) -> float:
+        """Return the rms residual of a chain with the best density, over the stroke.
 
-    def rms_of_common_offset(self, chain: ChainValues) -> float:
-        """Return the same with a common offset of all records, if they have one."""
+        With a common offset of all records, if they have one, or with one of each.
+        """
         normal = self._normal(chain)
         solution = self._solve(normal)
-        mean_square = max(residual_square(normal, solution), 0.0) / normal.count
-        variance = variance_of_offsets(self._data, solution)
-        return math.sqrt(mean_square + variance) / self._data.stroke
+        square = max(residual_square(normal, solution), 0.0) / normal.count
+        square += variance_of_offsets(self._data, solution) if common else 0.0
+        return math.sqrt(square) / self._data.stroke
 
     def _normal(self, chain: ChainValues) -> Normal:
         """Normal equations of the columns behind a chain."""
@@ -275,7 +271,7 @@ class ChainResidual:
     def _costs(self, parts: list[Normal], gamma: float) -> Array:
         """Sums of squares: of all rows, of all by half of the dictionary, and without each part."""
         total, *others = (group_sums(n, np.array([1.0, gamma])) for n in parts)
-        half = column_subset(total, self._coarse)
+        half = combined(total, self._coarse)
         costs = [residual_square(n, self._solve(n)) for n in (total, *others)]
         costs.insert(1, residual_square(half, self._solve(half, self._coarse_penalty)))
         return np.array(costs)
@@ -303,7 +299,7 @@ def short_data(
         _rows_in_use(r, s, round(s.dt / w.dt), train)
         for r, s, w in zip(rows, short.sections, data.sections, strict=True)
     )
-    return fit_data(short, chain, rows, use)
+    return replace(fit_data(short, chain), rows=rows, use=use)
 
 
 def dictionary(data: FitData) -> tuple[list[Array], NDArray[np.bool_], Array]:
@@ -403,17 +399,15 @@ class SpectrumFit:
         self._times = np.geomspace(shortest, longest, count)
         self._lags = [ChainValues().with_lag(float(t)) for t in self._times]
 
-    def with_starts(self, starts: Sequence[Start] | None = None) -> "SpectrumFit":
-        """Return the fit with other motion of the drive before each record.
+    def with_start(self, start: Start) -> "SpectrumFit":
+        """Return the fit with other motion of the drive before each record."""
+        return self._of_sections(with_start(self._data.sections, start))
 
-        If it is unknown, the decay of each lag is added to the nuisance columns of the record.
-        """
-        sections = self._data.sections
-        if starts is None:
-            sections = tuple(self._unsettled(s) for s in sections)
-        else:
-            pairs = zip(sections, starts, strict=True)
-            sections = tuple(replace(s, start=start) for s, start in pairs)
+    def with_any_start(self) -> "SpectrumFit":
+        """Return the fit with the decay of each lag in the nuisance columns of the records."""
+        return self._of_sections(tuple(self._unsettled(s) for s in self._data.sections))
+
+    def _of_sections(self, sections: tuple[RecordSection, ...]) -> "SpectrumFit":
         other = copy(self)
         other._data = replace(self._data, sections=sections)
         return other
@@ -542,7 +536,7 @@ class SpectrumFit:
         a, last = np.maximum(start, _LEAST_WEIGHT), np.inf
         for _ in range(_ITERATIONS):
             w = self._densities(normal, np.append(1.0, a)).coefficients
-            lags = _contracted(normal, np.kron(np.eye(a.size + 1), w[:, None]))
+            lags = combined(normal, np.kron(np.eye(a.size + 1), w[:, None]))
             share = solve(lags)
             if share.coefficients[0] <= 0.0:
                 break
@@ -599,18 +593,3 @@ def _behind_delays(
     bare = [replace(c, delay=0.0, resonance_hz=0.0) for c in creeps]
     changes = [filtered(columns, section, every, c) - plain for c in bare]
     return np.split(np.concatenate([plain, *changes], axis=1), len(delays))
-
-
-def _contracted(normal: Normal, to: NDArray[Any]) -> Normal:
-    """Normal equations of sums of columns: `to` has a column for each of the sums."""
-    m, k = to.shape
-    sums = np.zeros((normal.gram.shape[0], k + normal.gram.shape[0] - m))
-    sums[:m, :k] = to
-    sums[m:, k:] = np.eye(normal.gram.shape[0] - m)
-    return Normal(
-        gram=sums.T @ normal.gram @ sums,
-        right=sums.T @ normal.right,
-        square=normal.square,
-        count=normal.count,
-        columns=k,
-    )

@@ -2,10 +2,10 @@
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -17,7 +17,12 @@ from flexstage.hysteresis.identification.chain_residual import (
     SpectrumFit,
     is_better,
 )
-from flexstage.hysteresis.identification.cycles import RecordSection, memories
+from flexstage.hysteresis.identification.cycles import (
+    RecordSection,
+    memories,
+    possible_starts,
+    with_start,
+)
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.jump_response import jump_response
 from flexstage.hysteresis.identification.measurement import (
@@ -78,18 +83,19 @@ _COARSE_REDUCTION = 0.002
 class ChainEstimate:
     """Best linear chain of a measurement, for any hysteresis."""
 
+    #: Piezo drives creep by 1 to 3 % per decade of time: a larger value has another cause.
+    high_creep: ClassVar[float] = 0.05
+
     values: ChainValues
     """The chain."""
-    searched: tuple[str, ...]
+    searched: tuple[str, ...] = ()
     """The values that were searched for, and not given."""
-    rms: float
-    """Rms residual with a coarse dictionary, over the stroke [1]."""
-    resonance: Resonance | None = None
-    """The resonance, if a multisine or jumps of the input excite it."""
     errors: Mapping[str, float] = field(default_factory=dict)
     """Standard errors of the values; infinite if the records do not determine them."""
-    notes: tuple[str, ...] = ()
-    """Warnings."""
+    longest_delay: float = math.inf
+    """Largest delay of the search [s]."""
+    ringing_hz: float = 0.0
+    """Frequency of ringing after jumps that is not one mode [Hz]; 0 for none."""
 
     @property
     def widths(self) -> Mapping[str, float]:
@@ -100,6 +106,37 @@ class ChainEstimate:
             for name, error in self.errors.items()
             if name in self.searched
         }
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings of unexplained ringing, and of values beyond those of piezo drives."""
+        notes, creep = [], self.values.creep_per_decade
+        if self.ringing_hz > 0.0:
+            notes.append(
+                f"after jumps of the input the output rings at about {self.ringing_hz:.4g} Hz; "
+                "this is not the ringing of one mode and is not in the model: give the mode by "
+                "--known, or record a small multisine around it"
+            )
+        if self.searched and self.values.delay > 0.99 * self.longest_delay:
+            notes.append(
+                f"the delay reached its upper limit ({1e3 * self.longest_delay:.3g} ms, "
+                f"{100 * _LONGEST_DELAY:g} % of the fastest cycle): check the columns and the "
+                "sample rate, or give the delay by --known"
+            )
+        if self.searched and self.values.spectrum is None and creep > 0.99 * _LARGEST_CREEP:
+            notes.append(
+                f"the creep reached its upper limit ({100 * _LARGEST_CREEP:g} % per decade): "
+                "another effect is mistaken for creep, such as a drift of the output (compare "
+                "with --zero drift), a slow sensor or noise of the input"
+            )
+        elif self.searched and creep > self.high_creep:
+            of = "" if self.values.spectrum is None else " on average over its spectrum"
+            notes.append(
+                f"creep of {100.0 * creep:.2g} % per decade{of} is more than that of piezo drives "
+                "(1 to 3 %): a drift of the output (compare with --zero drift), a shift of its "
+                "baseline or a slow sensor may be mistaken for creep"
+            )
+        return tuple(notes)
 
 
 def find_chain(
@@ -143,20 +180,20 @@ def find_chain(
     >>> round(chain.values.delay, 3)
     0.007
     """
+    if chain is not None:
+        return ChainEstimate(values=chain)
     search = ChainResidual(data, train)
     longest = max(10.0 * s.u.size * s.dt for s in data.sections)
     start = ChainValues(creep_longest=max(1000.0, longest))
-    if chain is not None:
-        return ChainEstimate(values=chain, searched=(), rms=search.rms(chain))
+    sections = _fitted_parts(data, train)
+    jumps, excited = _best_jump_response(sections), None
     if resonance is not None:
         start = replace(start, resonance_hz=resonance[0], damping_ratio=resonance[1])
         search.fix_modes(start)
-    sections = _fitted_parts(data, train)
-    excited = None if resonance is not None else _excited_resonance(sections)
-    jumps = _best_jump_response(sections)
-    notes = _unexplained_ringing(jumps) if excited is None and resonance is None else ()
-    if excited is None and resonance is None and jumps is not None and jumps.frequency_hz > 0.0:
-        excited = jumps
+    else:
+        excited = _excited_resonance(sections)
+        if excited is None and jumps is not None and jumps.frequency_hz > 0.0:
+            excited = jumps
     if excited is not None:
         start = replace(
             start,
@@ -168,14 +205,17 @@ def find_chain(
         search.fix_modes(start)
         estimate = _with_delay(search, start, excited.delay_error, data)
         errors = {**estimate.errors, "resonance_hz": excited.frequency_error_hz}
-        return replace(estimate, resonance=excited, errors=errors)
+        return replace(estimate, errors=errors)
     estimate = _by_cycles(search, start, data, modes=resonance is None)
+    if jumps is None:
+        return estimate
     # with a known mode, and its ringing, jumps determine the delay
-    if jumps is not None and jumps.delay_error < estimate.errors["delay"]:
+    no_mode_found = estimate.values.resonance_hz == start.resonance_hz
+    if jumps.delay_error < estimate.errors["delay"] and no_mode_found:
         at = replace(start, delay=jumps.delay)
-        if estimate.values.resonance_hz == start.resonance_hz:
-            estimate = _with_delay(search, at, jumps.delay_error, data)
-    return replace(estimate, notes=(*notes, *estimate.notes))
+        estimate = _with_delay(search, at, jumps.delay_error, data)
+    ringing_hz = jumps.unexplained_hz if resonance is None else 0.0
+    return replace(estimate, ringing_hz=ringing_hz)
 
 
 def find_memories(
@@ -232,62 +272,48 @@ def find_starts(
 ) -> tuple[tuple[Start, ...], float]:
     """Find the motion of the drive before each record, which affects its creep.
 
-    Delay and creep, unless known, are searched for with each possible start: rest at the first
-    command, or motion for a time since the low end of the range (zero, as long as the longest
-    record, or very long). The drive is assumed to have rested unless another start reduces the
-    residual. `train` is the first sample to use, and the one after the last, of every record. The
-    second result is the standard error that the unknown start adds to the creep [1].
+    Delay and creep, unless known, are searched for with each possible start. The drive is assumed
+    to have rested unless another start reduces the residual. `train` is the first sample to use,
+    and the one after the last, of every record. The second result is the standard error that the
+    unknown start adds to the creep [1].
     """
-    count = len(data.sections)
     best: tuple[Start, ...] = tuple(s.start for s in data.sections)
     no_creep = not estimate.searched and estimate.values.creep_per_decade == 0.0
     if no_creep or data.periodic:
         return best, 0.0
-
-    def of_each(start: Start) -> tuple[Start, ...]:
-        return tuple("periodic" if s.periodic else start for s in data.sections)
-
     search = ChainResidual(data, train)
     chain = replace(estimate.values, delay=0.0, creep_per_decade=0.0)
     if chain.resonance_hz > 0.0:
         search.fix_modes(chain)
-    delay_known = "delay" not in estimate.searched
-    longest_delay = _longest_delay(data)
-    longest = max(s.u.size * s.dt for s in data.sections)
-    every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
-    trials = []
+    every = possible_starts(data.sections)
+    chains, residuals = [], []
     for start in every:
-        search.set_starts(best if start == every[0] else of_each(start))
+        search.set_starts((start,) * len(best))
         if not estimate.searched or (start == every[0] and len(data.rates_hz) > 1):
-            trial_chain = estimate.values
-        elif delay_known:
-            trial_chain = _creep(search, replace(chain, delay=estimate.values.delay))
+            chains.append(estimate.values)
+        elif "delay" not in estimate.searched:
+            chains.append(_creep(search, replace(chain, delay=estimate.values.delay)))
         else:
-            trial_chain = _delay_and_creep(search, chain, longest_delay)
-        rms, rms_common = search.rms(trial_chain), search.rms_of_common_offset(trial_chain)
-        trials.append((rms, rms_common, trial_chain))
+            chains.append(_delay_and_creep(search, chain, _longest_delay(data)))
+        residuals.append([search.rms(chains[-1], common=common) for common in (False, True)])
     # the records have a common offset if some start makes it likely
-    common = any(offset <= _COMMON_OFFSET * free for free, offset, _ in trials)
-    residual = search.rms_of_common_offset if common else search.rms
-    residuals = [offset if common else free for free, offset, _ in trials]
-    least, values = residuals[0], trials[0][2]
-    for start, rms, (_, _, trial_chain) in zip(every[1:], residuals[1:], trials[1:], strict=True):
-        if rms < _BETTER * least:
-            best, least, values = of_each(start), rms, trial_chain
+    common = any(offset <= _COMMON_OFFSET * free for free, offset in residuals)
+    k = _likeliest([rms[common] for rms in residuals], _BETTER)
+    values, least = chains[k], residuals[k][common]
+    best = tuple(s.start for s in with_start(data.sections, every[k]))
     # a start is possible by either residual: offsets may differ for an unknown reason
-    least_free, least_common = min(t[0] for t in trials), min(t[1] for t in trials)
+    limits = _POSSIBLE * np.min(residuals, axis=0)
     width = max(
-        abs(trial_chain.creep_per_decade - values.creep_per_decade)
-        for free, offset, trial_chain in trials
-        if free <= _POSSIBLE * least_free or offset <= _POSSIBLE * least_common
+        abs(c.creep_per_decade - values.creep_per_decade)
+        for c, rms in zip(chains, residuals, strict=True)
+        if np.any(rms <= limits)
     )
-    if count > 1 and values.creep_per_decade > 0.0:
-        for i in range(count):
-            for start in every if not data.sections[i].periodic else ():
-                trial = (*best[:i], start, *best[i + 1 :])
+    if len(best) > 1 and values.creep_per_decade > 0.0:
+        for i, start in itertools.product(range(len(best)), every):
+            trial = (*best[:i], start, *best[i + 1 :])
+            if not data.sections[i].periodic:
                 search.set_starts(trial)
-                rms = residual(values)
-                if rms < _BETTER * least:
+                if (rms := search.rms(values, common=common)) < _BETTER * least:
                     best, least = trial, rms
     # the largest change is two standard errors
     return best, 0.5 * width
@@ -332,10 +358,10 @@ def _joint_spectrum(
     fit = SpectrumFit(data, before, train, joint=True)
     fit_before, (square, square_common) = fit, fit.squares(before)
     delays = np.union1d(longest * np.array(_DELAYS), min(before.delay, longest))
-    chain, least = fit.with_starts().best(delays)
+    chain, least = fit.with_any_start().best(delays)
     if least > (1.0 - _JOINT_REDUCTION) * square or chain.spectrum is None:
         return None
-    fit, starts = _spectrum_starts(fit, data, chain.delay)
+    fit, sections = _spectrum_starts(fit, data, chain.delay)
     near = np.unique(np.clip(chain.delay + longest * np.array(_NEAR), 0.0, longest))
     chain, _ = fit.best(near)
     if chain.spectrum is None or fit.squares(chain)[1] > square_common:
@@ -345,37 +371,32 @@ def _joint_spectrum(
     # those of both grids, without any that differ by rounding alone
     delays = np.unique(np.round(np.append(delays, near) / longest, 6)) * longest
     errors = fit.errors(chain, delays)
-    sections = tuple(replace(s, start=a) for s, a in zip(data.sections, starts, strict=True))
-    at_limits = _at_limits(before, longest)
-    notes = tuple(n for n in estimate.notes if n not in at_limits) + _at_limits(chain, longest)
     known = {n: e for n, e in errors.items() if n in estimate.errors}
     return replace(data, sections=sections), replace(
-        estimate, values=chain, errors={**estimate.errors, **known}, notes=notes
+        estimate, values=chain, errors={**estimate.errors, **known}
     )
 
 
 def _spectrum_starts(
     fit: SpectrumFit, data: IdentificationData, delay: float
-) -> tuple[SpectrumFit, tuple[Start, ...]]:
+) -> tuple[SpectrumFit, tuple[RecordSection, ...]]:
     """Find the motion before the records, the same for all that are not periodic."""
-    longest = max(s.u.size * s.dt for s in data.sections)
-    every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
-    trials = []
-    for start in every:
-        starts: tuple[Start, ...] = tuple(
-            "periodic" if s.periodic else start for s in data.sections
-        )
-        trial = fit.with_starts(starts)
-        chain, _ = trial.best(np.array([delay]))
-        trials.append((trial.squares(chain), starts))
+    every = possible_starts(data.sections)
+    trials = [fit.with_start(start) for start in every]
+    squares = [trial.squares(trial.best(np.array([delay]))[0]) for trial in trials]
     # the records have a common offset if some start makes it likely
-    free, offset = (min(squares[k] for squares, _ in trials) for k in (0, 1))
+    free, offset = np.min(squares, axis=0)
     common = int(offset <= _COMMON_OFFSET**2 * free)
-    best, starts = trials[0]
-    for squares, trial_starts in trials[1:]:
-        if squares[common] < _BETTER**2 * best[common]:
-            best, starts = squares, trial_starts
-    return fit.with_starts(starts), starts
+    k = _likeliest([square[common] for square in squares], _BETTER**2)
+    return trials[k], with_start(data.sections, every[k])
+
+
+def _likeliest(residuals: Sequence[float], better: float) -> int:
+    """Return the first of some residuals, or one that is less by a factor, from first to last."""
+    best = 0
+    for k, residual in enumerate(residuals):
+        best = k if residual < better * residuals[best] else best
+    return best
 
 
 def _with_delay(
@@ -385,14 +406,7 @@ def _with_delay(
     names = ("creep_per_decade",) if _shows_creep(data) else ()
     best = _creep(search, start) if names else start
     errors = {"delay": delay_error, **_errors(search, best, names, data)}
-    notes = _at_limits(best, math.inf)
-    return ChainEstimate(
-        values=best,
-        searched=names,
-        rms=search.rms(best),
-        errors=errors,
-        notes=notes,
-    )
+    return ChainEstimate(values=best, searched=names, errors=errors)
 
 
 def _by_cycles(
@@ -407,13 +421,11 @@ def _by_cycles(
         best, names = _delay_and_creep(search, start, longest), (*names, "creep_per_decade")
         if len(data.rates_hz) < 2:
             best = _with_usual_creep(search, best, longest)
-    rms = search.rms(best)
     with_mode = _resonance(search, best, data, longest) if modes else None
-    if with_mode is not None and search.rms(with_mode) < (1.0 - _REDUCTION) * rms:
-        best, names, rms = with_mode, (*names, "resonance_hz"), search.rms(with_mode)
+    if with_mode is not None and search.rms(with_mode) < (1.0 - _REDUCTION) * search.rms(best):
+        best, names = with_mode, (*names, "resonance_hz")
     errors = _errors(search, best, names, data)
-    notes = _at_limits(best, longest)
-    return ChainEstimate(values=best, searched=names, rms=rms, errors=errors, notes=notes)
+    return ChainEstimate(values=best, searched=names, errors=errors, longest_delay=longest)
 
 
 def _with_usual_creep(search: ChainResidual, best: ChainValues, longest: float) -> ChainValues:
@@ -469,18 +481,7 @@ def other_chains(data: FitData, estimate: ChainEstimate, kind: str) -> tuple[Cha
         chains = none, _delay(partial(rms_of_line, data), none, _longest_delay(data))
     errors = {n: e for n, e in estimate.errors.items() if n != "creep_per_decade"}
     searched = tuple(n for n in estimate.searched if n in errors)
-    at_limits = _at_limits(estimate.values, _longest_delay(data))
-    other_notes = tuple(note for note in estimate.notes if note not in at_limits)
-    return tuple(
-        replace(
-            estimate,
-            values=chain,
-            searched=searched,
-            errors=errors,
-            notes=(*other_notes, *_at_limits(chain, _longest_delay(data))),
-        )
-        for chain in chains
-    )
+    return tuple(replace(estimate, values=c, searched=searched, errors=errors) for c in chains)
 
 
 def rms_of_line(data: FitData, chain: ChainValues) -> float:
@@ -512,35 +513,6 @@ def _errors(
         slow = search.spread(best, limits, runs=1)["creep_per_decade"]
         errors["creep_per_decade"] = max(errors["creep_per_decade"], slow)
     return errors
-
-
-def _at_limits(chain: ChainValues, longest: float) -> tuple[str, ...]:
-    """Warn of values at the limit of the search range."""
-    notes = []
-    if chain.delay > 0.99 * longest:
-        notes.append(
-            f"the delay reached its upper limit ({1e3 * longest:.3g} ms, "
-            f"{100 * _LONGEST_DELAY:g} % of the fastest cycle): check the columns and the sample "
-            "rate, or give the delay by --known"
-        )
-    if chain.creep_per_decade > 0.99 * _LARGEST_CREEP:
-        notes.append(
-            f"the creep reached its upper limit ({100 * _LARGEST_CREEP:g} % per decade): another "
-            "effect is mistaken for creep, such as a drift of the output (compare with --zero "
-            "drift), a slow sensor or noise of the input"
-        )
-    return tuple(notes)
-
-
-def _unexplained_ringing(jumps: Resonance | None) -> tuple[str, ...]:
-    """Warn of ringing after jumps that is not one mode."""
-    if jumps is None or jumps.unexplained_hz == 0.0:
-        return ()
-    return (
-        f"after jumps of the input the output rings at about {jumps.unexplained_hz:.4g} Hz; this "
-        "is not the ringing of one mode and is not in the model: give the mode by --known, or "
-        "record a small multisine around it",
-    )
 
 
 def _fitted_parts(

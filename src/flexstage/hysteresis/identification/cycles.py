@@ -1,7 +1,8 @@
 """Cycles of a drive signal: turning points, rates, minor loops, warm-up; one record with them."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,6 +145,20 @@ class RecordSection:
         if self.periodic:
             return 0
         return self.history + _both_ends(self.u[self.history :], self.cycles)
+
+
+def possible_starts(sections: Sequence[RecordSection]) -> tuple[Start, ...]:
+    """Return motions of a drive before records, for its creep.
+
+    Rest at the first command, or motion for a time since the low end of the range: zero, as long as
+    the longest record, or very long.
+    """
+    return "rested", 0.0, max(s.u.size * s.dt for s in sections), math.inf
+
+
+def with_start(sections: Sequence[RecordSection], start: Start) -> tuple[RecordSection, ...]:
+    """Return sections with a motion before each; one period has its own."""
+    return tuple(s if s.periodic else replace(s, start=start) for s in sections)
 
 
 def memories(ends: tuple[float, float], first: float) -> dict[str, Array]:

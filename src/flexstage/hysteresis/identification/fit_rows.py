@@ -1,6 +1,6 @@
 """Rows of a fit: samples of records or means of them, and columns behind the linear chain."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -130,8 +130,6 @@ class ChainValues:
     """Its damping ratio [1]."""
     resonance_share: float = 1.0
     """Share of the motion through the mode; the rest follows without delay [1]."""
-    creep_shortest: float = 0.01
-    """Time at which creep begins [s]."""
     creep_longest: float = 1000.0
     """Time at which creep ends [s]."""
     spectrum: CreepSpectrum | None = None
@@ -155,7 +153,6 @@ class ChainValues:
             return self.spectrum.scaled(self.creep_per_decade)
         return LogCreep(
             rate_per_decade=self.creep_per_decade,
-            shortest=self.creep_shortest,
             longest=self.creep_longest,
             per_decade=1,
         )
@@ -216,7 +213,8 @@ def filtered(columns: Array, section: RecordSection, rows: Rows, chain: ChainVal
     at = at % (n - 1.0) if section.periodic else np.clip(at, 0.0, n - 1.0)
     before = np.minimum(at.astype(np.intp), n - 2)
     share = np.asarray(at - before, dtype=np.float64)
-    for block in _column_blocks(n, m):
+    width = max(1, _BLOCK // n)
+    for block in (slice(start, start + width) for start in range(0, m, width)):
         # column by column, in the order of memory
         part = np.ascontiguousarray(columns[:, block].T)
         if chain.creep_per_decade > 0.0 or chain.resonance_hz > 0.0:
@@ -229,12 +227,6 @@ def filtered_samples(columns: Array, section: RecordSection, chain: ChainValues)
     """Pass quasi-static columns, shape (n, m), through the chain, to every sample."""
     at = np.arange(columns.shape[0])
     return filtered(columns, section, Rows(at=at, cycle=at), chain)
-
-
-def _column_blocks(n: int, m: int) -> Iterator[slice]:
-    width = max(1, _BLOCK // n)
-    for start in range(0, m, width):
-        yield slice(start, min(start + width, m))
 
 
 def _dynamic(columns: Array, section: RecordSection, chain: ChainValues) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexstage.base import progress
 from flexstage.base.arrays import Array
-from flexstage.base.errors import ModelError, RecordError
+from flexstage.base.errors import ModelError
 from flexstage.base.provenance import content_hash, provenance
 from flexstage.files.request import request_of
 from flexstage.hysteresis.chain.creep import Start
@@ -22,12 +22,11 @@ from flexstage.hysteresis.identification.chain_search import (
     other_chains,
     with_spectrum,
 )
-from flexstage.hysteresis.identification.cycles import RecordSection
+from flexstage.hysteresis.identification.cycles import RecordSection, with_start
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     averaged,
     filtered_samples,
-    rows_of,
 )
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
@@ -133,7 +132,7 @@ def identify(
     periodic = request.periodic or (False if is_over_time else None)
     data = measurement(sources, input_column, output_column, zero=request.zero, periodic=periodic)
     progress.update("linear chain", 0.0)
-    _data(data, ChainValues(), train)  # refuses a range with too few samples
+    fit_data(data, ChainValues(), train)  # refuses a range with too few samples
     data, estimate = _chain_and_start(data, chain, train, resonance)
     if chain is None:
         data, estimate = with_spectrum(data, estimate, train=train)
@@ -142,7 +141,7 @@ def identify(
         # fits to all samples of long records would take minutes, for the same result
         share = max(1, _MOST_SAMPLES // len(data.sections))
         short = replace(data, sections=tuple(averaged(s, share) for s in data.sections))
-    fitted_rows = _data(short, estimate.values, train)
+    fitted_rows = fit_data(short, estimate.values, train)
     still = train is not None and stands_still(fitted_rows)
     model_fits: dict[str, FittedModel] = {}
     chains: dict[str, tuple[FitData, ChainEstimate]] = {}
@@ -231,22 +230,6 @@ def _times_in_file(record: Record) -> Array:
     return since + float(numbers[0] * since[-1] / (numbers[-1] - numbers[0]))
 
 
-def _data(data: IdentificationData, chain: ChainValues, train: tuple[int, int] | None) -> FitData:
-    rows = rows_of(data.sections)
-    if train is None:
-        use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
-    else:
-        at = [r.at - s.history + s.first for r, s in zip(rows, data.sections, strict=True)]
-        use = tuple((a >= train[0]) & (a < train[1]) for a in at)
-        in_use, held_out = sum(int(u.sum()) for u in use), sum(int((~u).sum()) for u in use)
-        if in_use < 50 or held_out < 50:
-            raise RecordError(
-                f"samples {train[0]} to {train[1]} give {in_use} fitted and {held_out} held-out "
-                "samples after the warm-up: at least 50 of each are needed"
-            )
-    return fit_data(data, chain, rows, use)
-
-
 def _result(
     best: FittedModel,
     candidates: tuple[Candidate, ...],
@@ -315,9 +298,8 @@ def _before(best: FittedModel, data: FitData) -> tuple[float, float, tuple[Start
     outputs: dict[Start, list[Array]] = {}
     starts: tuple[Start, ...] = (assumed, "rested", 0.0, math.inf)
     for start in dict.fromkeys(starts):
-        shifted = tuple(s if s.periodic else replace(s, start=start) for s in sections)
-        with_start = replace(data, sections=shifted)
-        outputs[start] = [c[:, 0] for c in behind_chain(quasi, with_start)]
+        begun = replace(data, sections=with_start(sections, start))
+        outputs[start] = [c[:, 0] for c in behind_chain(quasi, begun)]
     use, rows = data.use[0], data.rows
     rms: dict[Start, float] = {}
     for start, output in outputs.items():

@@ -1,6 +1,7 @@
 """Fits of models: data, results, and models linear in all of their parameters."""
 
 import functools
+import math
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
-from flexstage.base.errors import ModelError
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
@@ -86,12 +87,20 @@ class FitData(IdentificationData):
 def fit_data(
     data: IdentificationData,
     chain: ChainValues,
-    rows: tuple[Rows, ...] | None = None,
-    use: tuple[NDArray[np.bool_], ...] | None = None,
+    train: tuple[int, int] | None = None,
 ) -> FitData:
-    """Return a measurement behind a chain; all of the usual rows are in use where not given."""
-    rows = rows_of(data.sections) if rows is None else rows
-    use = tuple(np.ones(r.at.size, dtype=bool) for r in rows) if use is None else use
+    """Return a measurement behind a chain; the first sample to use, and the one after the last."""
+    rows = rows_of(data.sections)
+    first, stop = train or (-math.inf, math.inf)
+    at = [r.at - s.history + s.first for r, s in zip(rows, data.sections, strict=True)]
+    use = tuple((a >= first) & (a < stop) for a in at)
+    if train is not None:
+        in_use, held_out = sum(int(u.sum()) for u in use), sum(int((~u).sum()) for u in use)
+        if in_use < 50 or held_out < 50:
+            raise RecordError(
+                f"samples {first} to {stop} give {in_use} fitted and {held_out} held-out "
+                "samples after the warm-up: at least 50 of each are needed"
+            )
     return FitData(**_of_measurement(data), chain=chain, rows=rows, use=use)
 
 
@@ -225,6 +234,13 @@ def residual(behind: list[Array], solution: Solution, data: FitData) -> Array:
         model_output = c @ solution.coefficients + s.nuisance[r.at] @ coefficients
         left.append((s.y[r.at] - model_output)[use])
     return np.concatenate(left)
+
+
+def errors_of(model: HysteresisModel, data: FitData) -> list[Array]:
+    """Return the output less a model behind the chain, at the rows of each section."""
+    outputs = behind_chain([model.simulate(s.u).values[:, None] for s in data.sections], data)
+    parts = zip(outputs, data.sections, data.rows, strict=True)
+    return [s.y[r.at] - c[:, 0] for c, s, r in parts]
 
 
 def fitted_levels(errors: Sequence[Array], data: FitData) -> list[Array]:

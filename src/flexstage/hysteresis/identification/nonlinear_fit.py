@@ -19,10 +19,11 @@ from flexstage.hysteresis.identification.model_fit import (
     behind_chain,
     coarse,
     equations,
+    errors_of,
     fitted_levels,
     residual,
 )
-from flexstage.hysteresis.identification.projection import Normal, Solution, solve
+from flexstage.hysteresis.identification.projection import solve
 from flexstage.hysteresis.model import HysteresisModel
 
 #: Number of points of the coarse grid with a local search.
@@ -63,20 +64,17 @@ class SearchedFit(ModelFit):
     def build(self, place: Array, coefficients: Array, data: FitData) -> HysteresisModel:
         """Return the model of these parameters."""
 
-    def project(self, place: Array, data: FitData) -> tuple[Solution, list[Array], Array]:
-        """Find the linear parameters for values of the searched ones.
+    def project(self, place: Array, data: FitData) -> tuple[Array, Array]:
+        """Find the linear parameters for values of the searched ones, and the residual.
 
-        Returned: the linear parameters, their columns behind the chain, and the residual over the
-        stroke.
+        The residual is over the stroke.
         """
         every = [self.columns(s, place, data) for s in data.sections]
         behind = behind_chain(every, data)
-        solution = self._solution(equations(behind, data))
-        return solution, behind, residual(behind, solution, data) / data.stroke
-
-    def _solution(self, normal: Normal) -> Solution:
+        normal = equations(behind, data)
         smoothing = None if self.penalty is None else normal.count * self.penalty
-        return solve(normal, free=self.free, smoothing=smoothing)
+        solution = solve(normal, free=self.free, smoothing=smoothing)
+        return solution.coefficients, residual(behind, solution, data) / data.stroke
 
     def fit(self, data: FitData, start: Array | None = None) -> FitResult:
         place = (
@@ -84,7 +82,7 @@ class SearchedFit(ModelFit):
             if start is None
             else self._best_minimum([np.asarray(start)], data)
         )
-        model = self.build(place, self.project(place, data)[0].coefficients, data)
+        model = self.build(place, self.project(place, data)[0], data)
         inner = np.all((place > 1e-3) & (place < 1.0 - 1e-3))
         notes = () if inner else ("a parameter reached the limit of its search range",)
         return FitResult(model=model, search=place, notes=notes)
@@ -112,16 +110,16 @@ class SearchedFit(ModelFit):
 
     def refit(self, data: FitData, optimum: Array) -> FitResult:
         place = self._minimise(optimum, data, 1e-6)
-        solution = self.project(place, data)[0]
-        return FitResult(model=self.build(place, solution.coefficients, data), search=place)
+        model = self.build(place, self.project(place, data)[0], data)
+        return FitResult(model=model, search=place)
 
     def _cost(self, place: Array, data: FitData) -> float:
-        left = self.project(place, data)[2]
+        left = self.project(place, data)[1]
         return float(left @ left)
 
     def _minimise(self, begin: Array, data: FitData, tolerance: float) -> Array:
         minimum = least_squares(
-            lambda place: self.project(place, data)[2],
+            lambda place: self.project(place, data)[1],
             np.clip(begin, 1e-6, 1.0 - 1e-6),
             bounds=(0.0, 1.0),
             diff_step=1e-5,
@@ -187,14 +185,14 @@ class RefinedFit(ModelFit):
         """
         low, scale = self.bounds(data)
         p = np.maximum(begin, low)
-        cost, behind = self._evaluate(p, data)
+        cost, errors = self._evaluate(p, data)
         damping, J = 1e-3, self._jacobian(p, scale, data) if jacobian is None else jacobian
         for _ in range(_ITERATIONS):
-            trial = np.maximum(_step(p, behind, J, low, scale, damping, self.penalty, data), low)
+            trial = np.maximum(_step(p, errors, J, low, scale, damping, self.penalty, data), low)
             try:
-                new, new_behind = self._evaluate(trial, data)
+                new, new_errors = self._evaluate(trial, data)
             except ModelError:  # invalid parameters
-                new, new_behind = np.inf, behind
+                new, new_errors = np.inf, errors
             if new >= cost:
                 # near the optimum, a step without a reduction is the last
                 damping *= 8.0
@@ -202,7 +200,7 @@ class RefinedFit(ModelFit):
                     break
                 continue
             reduction = 1.0 - new / cost
-            p, cost, behind = trial, new, new_behind
+            p, cost, errors = trial, new, new_errors
             damping = max(damping / 4.0, 1e-9)
             if reduction < (_CONVERGED if jacobian is None else _CONVERGED_NEAR):
                 break
@@ -211,14 +209,13 @@ class RefinedFit(ModelFit):
         return p, J
 
     def _evaluate(self, p: Array, data: FitData) -> tuple[float, list[Array]]:
-        model = self.build(p, data)
-        behind = behind_chain([model.simulate(s.u).values[:, None] for s in data.sections], data)
-        left = _residual(behind, data)
+        errors = errors_of(self.build(p, data), data)
+        left = _residual(errors, data)
         rough = 0.0
         if self.penalty is not None:
             scaled = p / self.bounds(data)[1]
             rough = left.size * float(scaled @ self.penalty @ scaled)
-        return float(left @ left) + rough, behind
+        return float(left @ left) + rough, errors
 
     def _jacobian(self, p: Array, scale: Array, data: FitData) -> list[Array]:
         """Derivatives of the output by each parameter over its scale, at the rows."""
@@ -241,16 +238,15 @@ class RefinedFit(ModelFit):
         return derivatives
 
 
-def _residual(behind: list[Array], data: FitData) -> Array:
-    """Residual of the output over the stroke, with the best offset."""
-    errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(behind, data.sections, data.rows, strict=True)]
+def _residual(errors: list[Array], data: FitData) -> Array:
+    """Errors at the rows in use over the stroke, with the best offset."""
     parts = zip(errors, fitted_levels(errors, data), data.rows, data.use, strict=True)
     return np.concatenate([(e - level[r.at])[u] for e, level, r, u in parts]) / data.stroke
 
 
 def _step(
     p: Array,
-    behind: list[Array],
+    errors: list[Array],
     J: list[Array],
     low: Array,
     scale: Array,
@@ -260,10 +256,7 @@ def _step(
 ) -> Array:
     """Return the parameters that the damped, linearised problem with bounds gives."""
     free, at = np.isinf(low), p / scale
-    target = [
-        s.y[r.at] - c[:, 0] + j @ at
-        for s, r, c, j in zip(data.sections, data.rows, behind, J, strict=True)
-    ]
+    target = [e + j @ at for e, j in zip(errors, J, strict=True)]
     normal = equations(J, data.with_output(target))
     weight = damping * np.diag(normal.gram)[: p.size]
     gram = normal.gram.copy()

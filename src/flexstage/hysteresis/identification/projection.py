@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 from scipy.optimize import nnls
 
 from flexstage.base.arrays import Array
@@ -45,23 +46,14 @@ class Normal:
         gram[a:, a:] = other.gram[m:, m:]
         right = np.concatenate((self.right, other.right[m:]))
         right[:m] += other.right[:m]
-        return Normal(
-            gram=gram,
-            right=right,
-            square=self.square + other.square,
-            count=self.count + other.count,
-            columns=m,
-        )
+        square, count = self.square + other.square, self.count + other.count
+        return Normal(gram=gram, right=right, square=square, count=count, columns=m)
 
     def __sub__(self, block: "Normal") -> "Normal":
         # a block of the same section, with the same nuisance columns
-        return Normal(
-            gram=self.gram - block.gram,
-            right=self.right - block.right,
-            square=self.square - block.square,
-            count=self.count - block.count,
-            columns=self.columns,
-        )
+        gram, right = self.gram - block.gram, self.right - block.right
+        square, count = self.square - block.square, self.count - block.count
+        return Normal(gram=gram, right=right, square=square, count=count, columns=self.columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,11 +92,11 @@ def normal_equations(
     return Normal(gram=gram, right=right, square=square, count=count, columns=m)
 
 
-def column_subset(normal: Normal, columns: NDArray[np.intp]) -> Normal:
-    """Return the equations of a subset of the columns."""
-    indices = np.concatenate((columns, np.arange(normal.columns, normal.right.size)))
-    gram, right = normal.gram[np.ix_(indices, indices)], normal.right[indices]
-    return replace(normal, gram=gram, right=right, columns=columns.size)
+def combined(normal: Normal, to: NDArray[Any]) -> Normal:
+    """Return the equations of sums of columns: `to` has a column for each sum, shape (m, s)."""
+    sums = np.asarray(block_diag(to, np.eye(normal.right.size - normal.columns)))
+    gram, right = sums.T @ normal.gram @ sums, sums.T @ normal.right
+    return replace(normal, gram=gram, right=right, columns=to.shape[1])
 
 
 def group_sums(normal: Normal, factors: Array) -> Normal:
@@ -189,21 +181,15 @@ def _non_negative(gram: Array, right: Array) -> Array:
     size = float(np.max(np.abs(right), initial=0.0))
     if size == 0.0:
         return np.zeros(right.size)
-    return size * _non_negative_of_unit_size(0.5 * (gram + gram.T), right / size)
-
-
-def _non_negative_of_unit_size(gram: Array, right: Array) -> Array:
+    gram = 0.5 * (gram + gram.T)
     ridge = _RIDGE * max(float(np.diag(gram).max()), 1e-300)
-    for _ in range(8):
+    while True:
         try:
-            factor = np.linalg.cholesky(gram + ridge * np.eye(gram.shape[0]))
+            factor = np.linalg.cholesky(gram + ridge * np.eye(right.size))
             break
         except np.linalg.LinAlgError:  # rounding has made it indefinite
+            if not ridge < 1.0:
+                raise
             ridge *= 10.0
-    else:
-        values, vectors = np.linalg.eigh(gram)
-        root = np.sqrt(np.maximum(values, ridge))
-        target = (vectors.T @ right) / root
-        return nnls((vectors * root).T, target, maxiter=50 * right.size)[0]
-    target = solve_triangular(factor, right, lower=True)
-    return nnls(factor.T, target, maxiter=50 * right.size)[0]
+    target = solve_triangular(factor, right / size, lower=True)
+    return size * nnls(factor.T, target, maxiter=50 * right.size)[0]

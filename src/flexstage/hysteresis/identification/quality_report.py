@@ -39,8 +39,6 @@ class _Thresholds:
     """
     shows_modes: float = 10.0
     """Stages ring at about 100 Hz: cycles faster than this may show it [Hz]."""
-    creep: float = 0.05
-    """Piezo drives creep by 1 to 3 % per decade of time: a larger value has another cause."""
     still: float = 0.1
     """Held-out samples over which the input moves by less than this share of its range have no
     motion.
@@ -278,7 +276,7 @@ def fit_warnings(
         *(_no_motion(data) if held_out else ()),
         *_no_hysteresis(rms_of_line(data, ChainValues()) * percent, noise * percent),
         *_earlier_motion(doubt, error_percent, data),
-        *_chain_notes(chain, data),
+        *chain.notes,
         *_hidden_mode(chain, data),
         *_missing_properties(best),
         *best.fit.notes,
@@ -344,23 +342,6 @@ def _earlier_motion(doubt: float, error: float, data: FitData) -> tuple[str, ...
         "several histories before the record fit equally well, and their creep changes readings by "
         f"up to {change:.2g} % of the stroke, more than the error of the model: before recording, "
         "let the drive rest or repeat its motion for as long as the record lasts",
-    )
-
-
-def _chain_notes(chain: ChainEstimate, data: FitData) -> tuple[str, ...]:
-    """Warnings of the search for the chain, and of the creep that the model has in the end."""
-    creep, limit = data.chain.creep_per_decade, "the creep reached"
-    if data.chain.spectrum is None and any(n.startswith(limit) for n in chain.notes):
-        return chain.notes
-    notes = tuple(n for n in chain.notes if not n.startswith(limit))
-    if not chain.searched or creep <= _THRESHOLDS.creep:
-        return notes
-    of = "" if data.chain.spectrum is None else " on average over its spectrum"
-    return (
-        *notes,
-        f"creep of {100.0 * creep:.2g} % per decade{of} is more than that of piezo drives (1 to "
-        "3 %): a drift of the output (compare with --zero drift), a shift of its baseline or a "
-        "slow sensor may be mistaken for creep",
     )
 
 

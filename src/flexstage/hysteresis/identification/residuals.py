@@ -15,7 +15,7 @@ from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,
     ModelFit,
-    behind_chain,
+    errors_of,
     fitted_levels,
     folds_of,
 )
@@ -77,13 +77,11 @@ def residuals(model: HysteresisModel, data: FitData) -> Residuals:
     The nuisance columns are fitted to the rows in use alone, or to all rows of a section without
     any; errors are of all rows.
     """
-    sections = data.sections
-    outputs = behind_chain([model.simulate(s.u).values[:, None] for s in sections], data)
-    errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(outputs, sections, data.rows, strict=True)]
+    errors = errors_of(model, data)
     levels = fitted_levels(errors, data)
     every = [level[r.at[u]] for level, r, u in zip(levels, data.rows, data.use, strict=True)]
     offset = float(np.mean(np.concatenate(every)))
-    baseline = [np.full(s.u.size, offset) for s in sections] if data.zero == "one" else levels
+    baseline = [np.full(s.u.size, offset) for s in data.sections] if data.zero == "one" else levels
     of_prediction = tuple(
         e - level[r.at] for e, level, r in zip(errors, baseline, data.rows, strict=True)
     )

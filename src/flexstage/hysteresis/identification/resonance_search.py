@@ -63,17 +63,12 @@ def find_resonance(section: RecordSection) -> Resonance | None:
     if low > 0.4 * rate:
         return None
     part = _excited(section, low)
-    return None if part is None else _excited_mode(section, part, low)
-
-
-def _excited_mode(section: RecordSection, part: slice, low: float) -> Resonance | None:
-    f, H, weight = _response(section.u[part], section.y[part], 1.0 / section.dt, low)
-    if f.size < _FEWEST_BINS:
+    if part is None:
         return None
-    rough = _fit(f, H, weight)
+    rough = _fit(*_response(section.u[part], section.y[part], rate, low))
     if rough is None:
         return None
-    mode = _refined(section, part, low, rough)
+    mode = _refined(section, part, low, *rough)
     # a peak of the largest damping, or of uncertain frequency, is no resonance
     sharp = mode.damping_ratio < 0.9 * _LARGEST_DAMPING
     inside = mode.delay < 0.99 * _longest_delay(low)
@@ -86,7 +81,9 @@ def _longest_delay(low: float) -> float:
     return 0.1 / low
 
 
-def _refined(section: RecordSection, part: slice, low: float, rough: Resonance) -> Resonance:
+def _refined(
+    section: RecordSection, part: slice, low: float, frequency_hz: float, damping: float
+) -> Resonance:
     """Fit the mode to the samples of the part, with slow motion removed from input and output."""
     dt = section.dt
     margin = int(3.0 / (low * dt))
@@ -103,7 +100,7 @@ def _refined(section: RecordSection, part: slice, low: float, rough: Resonance) 
         gain = float(shifted @ target) / max(float(shifted @ shifted), 1e-300)
         return (target - gain * shifted) / max(float(np.std(target)), 1e-300)
 
-    begin = np.array([rough.frequency_hz, rough.damping_ratio, 0.98, 0.5 * dt])
+    begin = np.array([frequency_hz, damping, 0.98, 0.5 * dt])
     least = np.array([0.7 * begin[0], 1e-4, 0.02, 0.0])
     most = np.array([1.3 * begin[0], _LARGEST_DAMPING, 1.0, _longest_delay(low)])
     fit = least_squares(
@@ -169,7 +166,10 @@ def _response(u: Array, y: Array, rate: float, low: float) -> tuple[Array, NDArr
     return f[used], cross[used] / input_power[used], 1.0 / spread
 
 
-def _fit(f: Array, H: NDArray, weight: Array) -> Resonance | None:
+def _fit(f: Array, H: NDArray, weight: Array) -> tuple[float, float] | None:
+    """Frequency [Hz] and damping ratio of the mode of a response; None if it shows none."""
+    if f.size < _FEWEST_BINS:
+        return None
     omega = 2.0 * np.pi * f
     size = np.abs(H)
     level = float(np.median(size))
@@ -192,12 +192,5 @@ def _fit(f: Array, H: NDArray, weight: Array) -> Resonance | None:
         lambda q: left(np.array([q[0], q[1], peak, 0.1, 0.0]), share=False), [1.0, 0.0]
     )
     at, damping = float(best.x[2]), float(best.x[3])
-    if best.cost > (1.0 - _REDUCTION) * plain.cost or not f[0] < at < f[-1]:
-        return None
-    J = best.jac
-    variance = np.linalg.pinv(J.T @ J) * 2.0 * best.cost / max(2 * f.size - 5, 1)
-    return Resonance(
-        frequency_hz=at,
-        damping_ratio=damping,
-        frequency_error_hz=float(np.sqrt(max(variance[2, 2], 0.0))),
-    )
+    shows_mode = best.cost <= (1.0 - _REDUCTION) * plain.cost and f[0] < at < f[-1]
+    return (at, damping) if shows_mode else None
