@@ -160,6 +160,8 @@ def test_symmetry_keeps_every_frequency_once() -> None:
         assert part.order == order
         parts.append(frequencies(part.numbers(part.K), part.numbers(part.M)))
     assert np.allclose(np.sort(np.concatenate(parts)), whole, rtol=1e-10)
+    with pytest.raises(ModelError, match="1 for symmetric or -1 for antisymmetric, got 2"):
+        reduce_by_symmetry(model, parity=2)
 
 
 def test_poles_are_the_frequencies_of_the_symmetric_subspace() -> None:

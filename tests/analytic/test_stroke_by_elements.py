@@ -70,6 +70,8 @@ def test_rows_and_words_of_a_stroke(model) -> None:
     assert rows["straightness"].value == pytest.approx(paths[0].straightness)
     assert rows["buckling_factor"].value == pytest.approx(paths[0].buckling_factor)
     assert any(v.startswith("Over the full stroke of x") for v in analysis.validity)
+    with pytest.raises(ModelError, match="at least 3 steps, got 2"):
+        follow_stroke(model, analysis.axes[0], steps=2)
 
 
 def test_the_change_of_ratio_is_that_of_a_parabola_from_its_slope_at_rest() -> None:

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from flexstage.base.errors import ModelError
 from flexstage.export.fields import field_files
 from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model
 from flexstage.hinges import Leaf
@@ -363,3 +364,10 @@ def test_files_of_a_solid_are_read_and_fill_its_volume(tmp_path: Path) -> None:
     # which way round a wedge is right side out has changed between versions of the toolkit
     assert np.all(found > 0.0) or np.all(found < 0.0)
     assert abs(found.sum()) == pytest.approx(mass / SMALL.material.density, rel=1e-2)
+
+
+def test_the_mesh_of_another_analysis_is_refused() -> None:
+    analysis, _ = lumped()
+    model, _ = plane()
+    with pytest.raises(ModelError, match="give the mesh of the analysis"):
+        field_files(PIEZO, analysis, mesh=model)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
 from flexstage.export.body_cells import body_cells
 from flexstage.export.request import StageExport
@@ -213,12 +214,22 @@ def field_files(
     'mode-06-frame-12.vtu'
     """
     if mesh is not None:
+        _require_analysed(mesh, analysis)
         return _still(analysis, _of_mesh(mesh))
     grid = _of_bodies(stage, analysis)
     return _still(analysis, grid) | _moving(analysis, grid)
 
 
 # ------------------------------------------------------------------ finite elements
+
+
+def _require_analysed(mesh: "StageModel", analysis: Analysis) -> None:
+    if mesh.system.order != analysis.system.order or mesh.system.model != analysis.system.model:
+        raise ModelError(
+            f"the mesh belongs to a {mesh.system.model} model with {mesh.system.order} "
+            f"coordinates, the analysis to a {analysis.system.model} model with "
+            f"{analysis.system.order}: give the mesh of the analysis"
+        )
 
 
 def _of_mesh(mesh: "StageModel") -> _StageGrid:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
 from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
@@ -230,6 +231,8 @@ def universal_files(
     >>> sorted(files)
     ['parallelogram-frf.uff', 'parallelogram-modes.uff', 'parallelogram-points.csv']
     """
+    if count < 1:
+        raise ModelError(f"the number of modes must be 1 or more, got {count!r}")
     name, points = file_name(stage.name), modal_points(stage)
     shapes = modes(system, drives="removed", count=count)
     files = {f"{name}-modes.uff": modal_file(stage, system, shapes)}

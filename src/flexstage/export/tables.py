@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from flexstage.base.errors import StageError
+from flexstage.base.errors import ModelError, StageError
 from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.files.plain import csv_text
@@ -32,6 +32,8 @@ def table_files(characteristics: Iterable[Characteristic], *, name: str) -> dict
     natural_frequency_hz,x,published-analytic,339.0,Hz,,,
     """
     rows = Characteristics(characteristics)
+    if not rows:
+        raise ModelError(f"there are no characteristics of '{name}' to write: give one at least")
     plain = file_name(name)
     return {
         f"{plain}-values.csv": _csv(rows.columns()),

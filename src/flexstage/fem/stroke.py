@@ -69,6 +69,8 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
 
     Raises
     ------
+    ModelError
+        There are too few steps.
     ConvergenceError
         No equilibrium was found.
 
@@ -77,6 +79,8 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     Validity: any rotation, small strains; the drive keeps its direction. Motion out of the plane,
     by manufacturing errors, is not included.
     """
+    if steps < 3:
+        raise ModelError(f"a stroke is followed in at least 3 steps, got {steps}")
     stage, problem = model.stage, model.problems[0]
     continuum = problem.continuum
     row = _drive_row(model, axis.drive)

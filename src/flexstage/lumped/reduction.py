@@ -170,6 +170,8 @@ def reduce_by_symmetry(
                 f"drive '{drive or model.drives[0].name}' is neither symmetric nor antisymmetric "
                 "about the mirror: its motion cannot be reduced by symmetry"
             )
+    elif parity not in (1, -1):
+        raise ModelError(f"parity is 1 for symmetric or -1 for antisymmetric, got {parity!r}")
     image = symmetry.image
     columns, names = [], []
     n = model.order

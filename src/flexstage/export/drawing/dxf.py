@@ -2,9 +2,11 @@
 
 import contextlib
 import io
+import math
 from collections.abc import Iterator
 from typing import Any
 
+from flexstage.base.errors import StageError
 from flexstage.base.version import __version__
 from flexstage.export.drawing.canvas import millimetres
 from flexstage.export.drawing.contours import Pair, PlateContours, plate_contours
@@ -56,6 +58,8 @@ def dxf_files(stage: Stage, *, kerf: float | None = None) -> dict[str, bytes]:
     (['parallelogram.dxf'], True)
     """
     plate = plate_contours(stage)
+    if kerf is not None and not 0.0 < kerf < math.inf:
+        raise StageError(f"the kerf must be positive and finite, got {kerf!r} m")
     start_hole = max(_START_HOLE, kerf or 0.0)
     wire_cuts: tuple[Cut, ...] = ()
     if kerf is not None:

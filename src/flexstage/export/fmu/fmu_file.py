@@ -236,6 +236,8 @@ def fmu_files(
     >>> archive.namelist()[-1], "modelDescription.xml" in archive.namelist()
     ('sources/stage.h', True)
     """
+    if version not in MAIN:
+        raise ModelError(f"the FMI version must be {' or '.join(MAIN)}, got '{version}'")
     layout = fmu_layout(model)
     core = render_source(model)
     here = files("flexstage.export.fmu") / "c"

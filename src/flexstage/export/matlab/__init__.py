@@ -51,7 +51,12 @@ def matlab_files(stage: Stage, model: DynamicModel, *, name: str | None = None) 
     """
     if not model.probes:
         raise ModelError(f"stage '{model.name}' has no probe: there is nothing to read from it")
-    name = name or matlab_name(model.name)
+    name = matlab_name(model.name) if name is None else name
+    if not re.fullmatch(rf"[A-Za-z]\w{{0,{_LONGEST - 1}}}", name, re.ASCII):
+        raise ModelError(
+            f"'{name}' is not a valid name in MATLAB: it must begin with a letter and have at "
+            f"most {_LONGEST} letters, digits and _"
+        )
     return {
         f"{name}.mat": mat_file(contents(stage, model)),
         f"{name}.m": _text(_TEMPLATES[0], name, model.title),

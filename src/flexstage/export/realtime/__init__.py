@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
 from flexstage.export.request import StageExport
 from flexstage.export.source.model_numbers import c_array, c_comment, c_number, lag_rates
@@ -307,8 +308,15 @@ def realtime_files(
     >>> list(realtime_files(dynamic_model(stage, lumped_system(stage))))
     ['vgtu_piezo.h', 'vgtu_piezo_example.c', 'vgtu_piezo_check.csv']
     """
+    if precision not in ("double", "single"):
+        raise ModelError(f"the precision must be double or single, got '{precision}'")
     single = precision == "single"
     prefix = c_prefix(model.name) if name is None else name
+    if not re.fullmatch(rf"[A-Za-z][A-Za-z0-9_]{{0,{_LONGEST - 1}}}", prefix):
+        raise ModelError(
+            f"'{prefix}' is not a valid prefix of names in C: it must begin with a letter and have "
+            f"at most {_LONGEST} letters, digits and _"
+        )
     commands, readings = check_samples(model)
     swing = [float(s) or 1.0 for s in np.ptp(readings, axis=0)]
     exported = _without_negligible_weights(model) if single else model
