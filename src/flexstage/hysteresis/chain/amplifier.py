@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage.base.arrays import Complex
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.element import ChainElement, positive_step
+from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, checked, samples
 
@@ -107,6 +109,9 @@ class Amplifier(ChainElement):
             y,
         )
         return Response(values=y, state=np.array([command[-1], y[-1]]))
+
+    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        return self.gain * Lag(time_constant=self.time_constant).frequency_response(frequency_hz)
 
     def _range(self) -> tuple[float, float]:
         return (-math.inf, math.inf) if self.voltage_range is None else self.voltage_range

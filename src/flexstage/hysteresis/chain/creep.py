@@ -138,7 +138,6 @@ class Creep(ChainElement):
         return Response(values=x, state=now)
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the ratio of output to input for a steady sine."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
         return 1.0 + (1.0 / (1.0 + s * self.time_constants)) @ self.lag_gains
 

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage.base.arrays import Complex
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import (
@@ -64,6 +65,10 @@ class ChainElement(ABC):
         """Return a private copy of a state after checking its size, or the settled one."""
         at_rest = self.settled(first, dt)
         return at_rest if state is None else checked_state(state, at_rest.size, what)
+
+    @abstractmethod
+    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        """Return the ratio of output to input for a steady sine."""
 
 
 def positive_step(dt: float) -> float:

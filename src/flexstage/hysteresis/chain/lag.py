@@ -265,7 +265,6 @@ class Lag(ChainElement):
         return np.asarray(spline(at), dtype=np.float64) + self.time_constant * rate * inside
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the ratio of output to input for a steady sine."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         return np.exp(-s * self.delay) / (1.0 + s * self.time_constant)
 

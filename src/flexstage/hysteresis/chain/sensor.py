@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage.base.arrays import Complex
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.element import ChainElement, positive_step
 from flexstage.hysteresis.chain.lag import Lag
@@ -91,6 +92,9 @@ class Sensor(ChainElement):
         if self.quantisation > 0.0:
             y = self.quantisation * np.round(y / self.quantisation)
         return Response(values=y, state=np.append(lagged.state, float(count + inputs.size)))
+
+    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        return self.gain * self._lag().frequency_response(frequency_hz)
 
     def _lag(self) -> Lag:
         if self.bandwidth_hz is None:

@@ -170,7 +170,6 @@ class StageModes(ChainElement):
         return Response(values=x, state=self.simulate(x, h).state)
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the ratio of output to input for a steady sine."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
         w, zeta = self.omega, np.array(self.damping_ratio)
         mode = w**2 / (s**2 + 2.0 * zeta * w * s + w**2)
