@@ -62,7 +62,7 @@ def test_settings_changed_elsewhere_are_told():
     interpreter = controller()
     session = ServerSession(interpreter)
     session.feed(b"SPA 1 0x08000100 0 1 0x08000102 900\n")
-    interpreter.device.set_servo_settings("1", ServoSettings(notches=(Notch(frequency_hz=456.0),)))
+    interpreter.device.set_servo_settings("1", ServoSettings(notches=(Notch(frequency_hz=456),)))
     said = session.feed(b"SPA? 1 0x08000100 1 0x08000102\n")
     assert said == f"1 0x08000100={E(456)} \n1 0x08000102={E(0)}\n".encode()
 

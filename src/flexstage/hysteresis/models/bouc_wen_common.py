@@ -89,7 +89,7 @@ class BoucWenModel(HysteresisModel):
         law, start, inputs = self._law(), self._state(state), sampled(u)
         h = advance(start[1], start[0], inputs[0] - start[0], law)
         table = np.empty((5, 4 * inputs.size))
-        count, h = law_segments(inputs, h, self.gain, law, table)
+        count, h = law_segments(inputs, h, float(self.gain), law, table)
         begin, constant, slope, amplitude, rate = table[:, :count].copy()
         return Segments(
             start=begin,

@@ -480,7 +480,8 @@ def _slopes(
         differences[refused] = (
             _on_moved_meshes(near, around, figures, model, workers, "derivatives") - base
         )
-    if not np.isfinite(differences).all():
+    refused = np.flatnonzero(~np.isfinite(differences).all(axis=1))
+    if refused.size:
         names = [stages.dimensions[j].name for j in refused]
         raise ModelError(
             "superelements about the most probable stage cannot be computed on moved meshes, for "

@@ -107,7 +107,7 @@ def _feedforward(state: ControllerState, axis: str, word: str) -> None:
 def _tuning(name: str, quantity: str, slot: int = 0, group: str = "Servo") -> Parameter:
     """Return a parameter of the position control."""
     key = quantity, slot
-    return Parameter("servo", group, name, lambda s, axis: s.servo_draft(axis)[key], key=key)
+    return Parameter("servo", group, name, lambda s, axis: float(s.servo_draft(axis)[key]), key=key)
 
 
 def _fixed(item: str, group: str, name: str, value: Value) -> Parameter:
