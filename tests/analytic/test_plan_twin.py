@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -186,6 +187,20 @@ def test_a_plan_that_strikes_is_refused_before_anything_moves(tmp_path):
         assert not (tmp_path / "run").exists()
         # its other steps are possible
         run_plan(plan, WithoutHammer(instrument), tmp_path / "run", only=("hold-x",))
+
+
+def test_a_record_is_awaited_until_it_no_longer_grows(tmp_path, monkeypatch):
+    file, now = tmp_path / "turn.csv", [0.0]
+
+    def sleep(seconds: float) -> None:
+        # begun after 0.7 s, written on every 0.8 s, whole after 3.1 s
+        now[0] += seconds
+        file.write_text("x" * sum(at <= now[0] for at in (0.7, 1.5, 2.3, 3.1)))
+
+    monkeypatch.setattr(centre, "time", SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
+    centre._await(file, 20.0)
+    assert file.read_text() == "xxxx"
+    assert 4.1 < now[0] < 5.0
 
 
 def test_a_scale_is_centred_by_records_that_a_person_writes(tmp_path, monkeypatch):

@@ -453,33 +453,35 @@ def test_hidden_stages_of_every_design_are_near_what_is_found(count, model):
 
 
 def _by_a_mesher_that_refuses(monkeypatch, refuses):
-    """Figures 2 z of a stage of one dimension, by a mesher that refuses some of them."""
+    """A figure 2 x + 3 y of a stage of two dimensions, by a mesher that refuses some of them."""
     stages = SimpleNamespace(
         near=lambda z: stages,
-        figures=lambda z, figures, model: 2.0 * z,
+        figures=lambda z, figures, model: z @ [[2.0], [3.0]],
         exists=lambda z: True,
-        dimensions=[SimpleNamespace(name="width")],
+        dimensions=[SimpleNamespace(name="width"), SimpleNamespace(name="height")],
     )
 
     def computed(stages, z, *rest):
-        return np.where(refuses(z), np.nan, 2.1 * z)
+        return np.where(refuses(z)[:, None], np.nan, z @ [[2.1], [3.1]])
 
     module = sys.modules["flexstage.studies.explore.reconstruct"]
     monkeypatch.setattr(module, "_on_moved_meshes", computed)
-    return _slopes(stages, np.ones(1), (None,), "superelement", Workers(1))
+    return _slopes(stages, np.ones(2), (None,), "superelement", Workers(1))
 
 
-@pytest.mark.parametrize("limit", [math.inf, 1.1])
-def test_a_derivative_is_that_of_a_stage_that_can_be_meshed(monkeypatch, limit):
-    values, slopes, moved = _by_a_mesher_that_refuses(monkeypatch, lambda z: z > limit)
-    assert values == pytest.approx(2.0)
-    assert moved == pytest.approx(2.1)
-    assert slopes[0, 0] == pytest.approx(2.1, rel=1e-12)
+@pytest.mark.parametrize("largest", [(math.inf, math.inf), (math.inf, 1.1), (1.1, 1.1)])
+def test_a_derivative_is_that_of_a_stage_that_can_be_meshed(monkeypatch, largest):
+    values, slopes, moved = _by_a_mesher_that_refuses(
+        monkeypatch, lambda z: (z > largest).any(axis=1)
+    )
+    assert values == pytest.approx(5.0)
+    assert moved == pytest.approx(5.2)
+    assert slopes == pytest.approx(np.array([[2.1, 3.1]]), rel=1e-12)
 
 
 def test_a_dimension_without_a_derivative_is_not_taken_for_one_that_changes_nothing(monkeypatch):
-    with pytest.raises(ModelError, match="for changes of width: give them smaller ranges"):
-        _by_a_mesher_that_refuses(monkeypatch, lambda z: z != 1.0)
+    with pytest.raises(ModelError, match="for changes of height: give them smaller ranges"):
+        _by_a_mesher_that_refuses(monkeypatch, lambda z: (z[:, 0] > 1.0) | (z[:, 1] != 1.0))
 
 
 def test_a_search_that_explains_nothing_is_repeated_from_elsewhere():
