@@ -197,8 +197,9 @@ class VirtualPositioner(Positioner):
     mounting : TableMounting
         Mounting on the table, and squareness of the axes.
     noise : float
-        Standard deviation of the position after settling [m]; in closed loop that of the sensor is
-        added.
+        Standard deviation of the position after settling [m].
+    sensor_noise : float
+        Standard deviation of a sensor reading after settling [m], in closed loop.
     quantum : float, optional
         Step of the commands [m]; by default that of a 16-bit converter over the stroke, or the
         smallest step of a screw times the ratio.
@@ -238,6 +239,7 @@ class VirtualPositioner(Positioner):
         start: tuple[float, float] = (0.0, 0.0),
         mounting: TableMounting = TableMounting(),
         noise: float = SETTLING,
+        sensor_noise: float = POSITION_NOISE,
         quantum: float | None = None,
         backlash: float = 0.0,
         seed: int = 0,
@@ -248,7 +250,8 @@ class VirtualPositioner(Positioner):
             raise ModelError(
                 f"stage '{stage.name}' must have two axes to centre a scale, got {len(stage.axes)}"
             )
-        require_size("the noise", noise)
+        for what, value in (("noise", noise), ("sensor noise", sensor_noise)):
+            require_size(f"the {what}", value)
         if any(not -1.0 <= share <= 1.0 for share in start):
             raise ModelError(f"the start must be shares of the stroke from -1 to 1, got {start!r}")
         if mode == "open loop":
@@ -261,7 +264,7 @@ class VirtualPositioner(Positioner):
             for axis in stage.axes:
                 stroke = _stroke(stage, axis.name)
                 step = stroke / 2**CONVERTER_BITS if quantum is None else quantum
-                spread = math.hypot(noise, POSITION_NOISE)
+                spread = math.hypot(noise, sensor_noise)
                 self._axes.append(VirtualAxis(axis.name, stroke, step, spread))
         super().__init__(self._axes)
         self._matrix = mounting.matrix

@@ -23,6 +23,7 @@ from flexstage.export.svg import document, element, moved, number, path, text_wi
 from flexstage.files.names import file_names
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.stage import Stage
+from flexstage.system import RayleighDamping
 
 #: Colour, dashes and name of each kind of line.
 LINES: dict[SignalKind, tuple[str, str | None, str]] = {
@@ -228,11 +229,13 @@ def diagram_svg(diagram: Diagram) -> bytes:
     )
 
 
-def diagram_files(stage: Stage, *, model: DynamicModel | None = None) -> dict[str, bytes]:
+def diagram_files(
+    stage: Stage, *, model: DynamicModel | None = None, damping: RayleighDamping | None = None
+) -> dict[str, bytes]:
     """Return the diagram of each axis with a single drive, as ``diagram-AXIS.svg``.
 
     Amplifiers, hysteresis, creep and sensors are by default those of `hysteresis.dynamic_model`;
-    damping is fitted to the two lowest modes. A stage without such an axis is refused.
+    damping is by default fitted to the two lowest modes. A stage without such an axis is refused.
 
     Examples
     --------
@@ -248,7 +251,9 @@ def diagram_files(stage: Stage, *, model: DynamicModel | None = None) -> dict[st
             "axis: export a Simulink model for the equations of the entire stage"
         )
     return {
-        f"diagram-{name}.svg": diagram_svg(stage_diagram(stage, model=model, axis=axis))
+        f"diagram-{name}.svg": diagram_svg(
+            stage_diagram(stage, model=model, axis=axis, damping=damping)
+        )
         for axis, name in axes
     }
 
