@@ -269,6 +269,14 @@ def test_nonlinear_blocks_let_their_signals_pass() -> None:
     np.testing.assert_array_equal(passed.B, after.B)
 
 
+def test_lines_may_be_listed_in_any_order() -> None:
+    diagram = stage_diagram(_PIEZO, damping=_DAMPING)
+    listed = diagram_state_space(diagram)
+    turned = diagram_state_space(replace(diagram, lines=diagram.lines[::-1]))
+    np.testing.assert_array_equal(turned.A, listed.A)
+    np.testing.assert_array_equal(turned.B, listed.B)
+
+
 def test_hinges_are_those_of_the_model_that_is_handed_over() -> None:
     stage = design("parallelogram")
     beams = lumped_system(stage, method="timoshenko", plane="stress")
