@@ -409,7 +409,7 @@ _STIFFNESS = (-1.0, 2.5)
 _RATIO = (-0.95, 5.0)
 
 
-def _shape_at(place: Array, scale: float) -> tuple[float, float]:
+def shape_at(place: Array, scale: float) -> tuple[float, float]:
     """Return beta and gamma [per unit of the input] of a place, for a part of unit gain."""
     total, ratio = 10.0 ** _within(_STIFFNESS, place[0]) / scale, _within(_RATIO, place[1])
     return 0.5 * total * (1.0 + ratio), 0.5 * total * (1.0 - ratio)
@@ -427,12 +427,12 @@ class BoucWenFit(SearchedFit):
     grid = (8, 6)
 
     def columns(self, section: RecordSection, place: Array, data: FitData) -> Array:
-        beta, gamma = _shape_at(place, data.input_scale)
+        beta, gamma = shape_at(place, data.input_scale)
         unit = BoucWen(gain=0.0, hysteresis_gain=1.0, beta=beta, gamma=gamma)
         return np.column_stack((section.u, unit.simulate(section.u).values))
 
     def build(self, place: Array, coefficients: Array, data: FitData) -> BoucWenModel:
-        beta, gamma = _shape_at(place, data.input_scale)
+        beta, gamma = shape_at(place, data.input_scale)
         gain = _at_least(coefficients[1], data)
         return BoucWen(gain=float(coefficients[0]), hysteresis_gain=gain, beta=beta, gamma=gamma)
 
@@ -450,7 +450,7 @@ class AsymmetricBoucWenFit(BoucWenFit):
         return np.column_stack((u, u**2, u**3, h))
 
     def build(self, place: Array, coefficients: Array, data: FitData) -> BoucWenModel:
-        beta, gamma = _shape_at(place, data.input_scale)
+        beta, gamma = shape_at(place, data.input_scale)
         low, high = data.input_range
         return AsymmetricBoucWen(
             gain=float(coefficients[0]),
