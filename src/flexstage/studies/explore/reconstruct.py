@@ -469,13 +469,13 @@ def _slopes(
     if not np.isfinite(values).all():
         raise ModelError("the most probable stage has no superelement model: change the prior")
     near = stages.near(z)
-    steps = np.array([_step(stages, z, j) for j in range(z.size)])
+    steps = np.array([_step(stages, z, j, _EFFORT.step) for j in range(z.size)])
     around = np.vstack([z, z + np.diag(steps)])
     base, *others = _on_moved_meshes(near, around, figures, model, workers, "derivatives")
     differences = np.array(others) - base
     refused = np.flatnonzero(~np.isfinite(differences).all(axis=1))
     if refused.size:  # as a mesh may be
-        steps[refused] *= -0.5
+        steps[refused] = [_step(stages, z, j, -0.5 * steps[j]) for j in refused.tolist()]
         around = z + np.diag(steps)[refused]
         differences[refused] = (
             _on_moved_meshes(near, around, figures, model, workers, "derivatives") - base
@@ -520,11 +520,11 @@ def _evaluate(
     return {"values": evaluate(family, points[start:stop], figures, model, moved=moved).values}
 
 
-def _step(stages: _Stages, z: Array, j: int) -> float:
+def _step(stages: _Stages, z: Array, j: int, largest: float) -> float:
     """Return the largest step of a coordinate to a stage that exists; 0 if there is none."""
     for k in range(_EFFORT.halvings):
         for sign in (1.0, -1.0):
-            step = sign * _EFFORT.step * 0.5**k
+            step = sign * largest * 0.5**k
             if stages.exists(z + step * np.eye(z.size)[j]):
                 return step
     return 0.0
