@@ -1,7 +1,8 @@
 """Encoders: figures that others printed of eccentricity, of tilt, and of errors they measured.
 
 - What 0.1 mm of eccentricity makes of the magnetic rings of two drives, in arcsec and deg
-  (Synapticon, documentation 4.19.0 of 2022, SOMANET Circulo 7 and 9, page 117).
+  (Synapticon, documentation 4.19.0 of 2022, SOMANET Circulo 7 and 9, page 117; not under an open
+  licence: its figures are quoted alone).
 - Errors of an optical encoder of 19 bit at 24 angles, turned forwards and backwards (Geng, Cao,
   Shang and Ding 2024, Sensors 24, 1400, Table 6; CC BY 4.0). Its abstract has an accuracy of 2.57
   arcsec, which is the root mean square of all 48.
