@@ -44,7 +44,11 @@ from flexstage.hysteresis.identification.model_fit import (
     residual,
 )
 from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, SearchedFit
-from flexstage.hysteresis.identification.projection import normal_equations, solve
+from flexstage.hysteresis.identification.projection import (
+    _non_negative,
+    normal_equations,
+    solve,
+)
 from flexstage.hysteresis.identification.residuals import (
     Residuals,
     cross_validate,
@@ -955,3 +959,10 @@ def test_a_law_from_elsewhere_is_known_and_one_without_a_fit_is_not_identified()
     finally:
         del MODELS["elsewhere"]
     assert "elsewhere" not in MODELS
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e9])
+def test_equations_that_rounding_made_indefinite_are_solved_in_any_unit(unit: float) -> None:
+    # two equal columns, further below singular than the first ridge reaches
+    gram = unit**2 * (np.ones((2, 2)) - 1e-12 * np.eye(2))
+    assert _non_negative(gram, np.full(2, unit**2)).sum() == pytest.approx(1.0, rel=1e-6)

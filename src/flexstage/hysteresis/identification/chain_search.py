@@ -373,7 +373,10 @@ def _joint_spectrum(
     errors = fit.errors(chain, delays)
     known = {n: e for n, e in errors.items() if n in estimate.errors}
     return replace(data, sections=sections), replace(
-        estimate, values=chain, errors={**estimate.errors, **known}
+        estimate,
+        values=chain,
+        errors={**estimate.errors, **known},
+        longest_delay=longest,
     )
 
 
@@ -481,7 +484,8 @@ def other_chains(data: FitData, estimate: ChainEstimate, kind: str) -> tuple[Cha
         chains = none, _delay(partial(rms_of_line, data), none, _longest_delay(data))
     errors = {n: e for n, e in estimate.errors.items() if n != "creep_per_decade"}
     searched = tuple(n for n in estimate.searched if n in errors)
-    return tuple(replace(estimate, values=c, searched=searched, errors=errors) for c in chains)
+    other = replace(estimate, searched=searched, errors=errors, longest_delay=_longest_delay(data))
+    return tuple(replace(other, values=c) for c in chains)
 
 
 def rms_of_line(data: FitData, chain: ChainValues) -> float:

@@ -182,13 +182,14 @@ def _non_negative(gram: Array, right: Array) -> Array:
     if size == 0.0:
         return np.zeros(right.size)
     gram = 0.5 * (gram + gram.T)
-    ridge = _RIDGE * max(float(np.diag(gram).max()), 1e-300)
+    largest = max(float(np.diag(gram).max()), 1e-300)
+    ridge = _RIDGE * largest
     while True:
         try:
             factor = np.linalg.cholesky(gram + ridge * np.eye(right.size))
             break
         except np.linalg.LinAlgError:  # rounding has made it indefinite
-            if not ridge < 1.0:
+            if not ridge < largest:
                 raise
             ridge *= 10.0
     target = solve_triangular(factor, right / size, lower=True)
