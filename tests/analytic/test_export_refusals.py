@@ -21,6 +21,8 @@ from flexstage.stage.designs import design
 STAGE = design("parallelogram")
 SYSTEM = lumped_system(STAGE)
 MODEL = dynamic_model(STAGE, SYSTEM)
+#: A word that the types of options exclude.
+OTHER: Any = "other"
 
 
 @pytest.mark.parametrize(
@@ -28,11 +30,11 @@ MODEL = dynamic_model(STAGE, SYSTEM)
     [
         (lambda: dxf_files(STAGE, kerf=0.0), "kerf must be positive and finite, got 0"),
         (lambda: dxf_files(STAGE, kerf=float("nan")), "kerf must be positive and finite, got nan"),
-        (lambda: fmu_files(MODEL, version="1.0"), r"must be 2\.0 or 3\.0, got '1\.0'"),  # type: ignore[arg-type]
+        (lambda: fmu_files(MODEL, version=OTHER), r"must be 2\.0 or 3\.0, got 'other'"),
         (lambda: matlab_files(STAGE, MODEL, name="2nd stage"), "must begin with a letter"),
         (lambda: matlab_files(STAGE, MODEL, name=""), "'' is not a valid name in MATLAB"),
         (lambda: realtime_files(MODEL, name="two stages"), "not a valid prefix of names in C"),
-        (lambda: realtime_files(MODEL, precision="half"), "double or single, got 'half'"),  # type: ignore[arg-type]
+        (lambda: realtime_files(MODEL, precision=OTHER), "double or single, got 'other'"),
         (lambda: table_files((), name="s"), "no characteristics of 's'"),
         (lambda: universal_files(STAGE, SYSTEM, count=0), "must be 1 or more, got 0"),
     ],

@@ -282,8 +282,9 @@ _M = TypeVar("_M", bound=Margins)
 def worst_of(margins: Iterable[_M]) -> _M:
     """Return the worst of each margin over loops; bandwidth and crossover are the lowest."""
     every = list(margins)
-    least: dict[str, Any] = {f.name: min(getattr(m, f.name) for m in every)
-                             for f in fields(every[0])}  # fmt: skip
+    least: dict[str, Any] = {
+        f.name: min(getattr(m, f.name) for m in every) for f in fields(every[0])
+    }
     least["sensitivity_peak"] = max(m.sensitivity_peak for m in every)
     return replace(every[0], **least)
 

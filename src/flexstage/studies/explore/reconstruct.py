@@ -353,6 +353,10 @@ def reconstruct(
 
     Notes
     -----
+    Members have superelements of a lower order on the meshes of the most probable stage, moved,
+    less what these differ by there. On meshes of their own their stresses differed by some 0.5 %,
+    other figures by 0.2 % or less (piezo stage and bridge).
+
     Validity: the form of the stage is known, log-normal dimensions and normal errors. Laplace's
     approximation is linear about the most probable stage, and knows no limits of the geometry; the
     ensemble does. Ctrl-C ends the members, and those so far are kept. What is not
@@ -474,7 +478,7 @@ def _slopes(
     base, *others = _on_moved_meshes(near, around, figures, model, workers, "derivatives")
     differences = np.array(others) - base
     refused = np.flatnonzero(~np.isfinite(differences).all(axis=1))
-    if refused.size:  # as a mesh may be
+    if refused.size:  # the mesher may refuse one stage and take a nearer one
         steps[refused] = [_step(stages, z, j, -0.5 * steps[j]) for j in refused.tolist()]
         around = z + np.diag(steps)[refused]
         differences[refused] = (
@@ -485,7 +489,7 @@ def _slopes(
         names = [stages.dimensions[j].name for j in refused]
         raise ModelError(
             "superelements about the most probable stage cannot be computed on moved meshes, for "
-            f"changes of {', '.join(names)}: give them smaller ranges, or less of them"
+            f"changes of {', '.join(names)}: give them smaller ranges, or fewer of them"
         )
     some = steps != 0.0
     slopes = np.where(some[:, None], differences / np.where(some, steps, 1.0)[:, None], 0.0)
