@@ -452,6 +452,19 @@ def test_hidden_stages_of_every_design_are_near_what_is_found(count, model):
     assert np.mean([case.squares for case in found_again]) > 0.5
 
 
+def test_a_figure_is_zero_where_its_members_scatter_with_the_mesh_alone():
+    request = ReconstructRequest(match=("mass = 50 g +- 1 g",), model="lumped", members=0)
+    ensemble = ready_reconstruct(request, StageTemplate.of("bridge"))(Workers(1))
+    k = [f.name for f in ensemble.figures].index("parasitic_rotation.y")
+    assert abs(ensemble.best_values[k]) < 1e-9
+    for scatter, zero in ((0.1e-6, True), (0.3e-6, False)):
+        values = np.tile(ensemble.best_values, (60, 1))
+        # some members exceed 0.2 urad by chance
+        values[:, k] = scatter * np.random.default_rng(2).standard_normal(60)
+        assert np.abs(values[:, k]).max() > 0.2e-6
+        assert replace(ensemble, values=values).zeros[k] == zero
+
+
 def _by_a_mesher_that_refuses(monkeypatch, refuses):
     """A figure 2 x + 3 y of a stage of two dimensions, by a mesher that refuses some of them."""
     stages = SimpleNamespace(

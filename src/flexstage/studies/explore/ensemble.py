@@ -502,7 +502,9 @@ class Ensemble(Result):
         """True for predicted figures that are zero but for the mesh, by symmetry, shape (f,)."""
         observed = {o.figure for o in self.observations}
         least = [0.0 if f in observed else _mesh_alone(f) for f in self.figures]
-        every = np.vstack([self.described, self.best_values, self.values])
+        # moved meshes are less symmetric than others: members count together, by their rms
+        square = np.sum(np.nan_to_num(self.values) ** 2, axis=0) / max(len(self.values), 1)
+        every = np.vstack([self.described, self.best_values, np.sqrt(square)])
         return np.nan_to_num(np.abs(every)).max(axis=0) < np.array(least)
 
     def figure(self, name: str) -> FigureRow:
