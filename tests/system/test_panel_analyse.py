@@ -32,6 +32,7 @@ from flexstage.web.analyse.work import (
 )
 from flexstage.web.bench.instrument import real_time_address
 from flexstage.web.design.state import DesignState, Variant
+from flexstage.web.jobs import BackgroundJob
 from flexstage.web.sessions import Preferences
 from flexstage.web.views.analyse import errors_table, meshes_table
 from tests.panel import come, looked_at, simulated
@@ -253,6 +254,14 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
         await asyncio.sleep(0.3)
         assert state.options.accuracy == 0.01
         assert [name for name in started if "of the whole" in name] == before
+        # a job that was cancelled a moment ago does not keep the next from being started
+        accuracy.value = 1.0
+        state.options = ModelOptions(accuracy=0.01, quantity="magic")
+        cancelled = BackgroundJob("cancelled")
+        cancelled._end("cancelled")
+        state.jobs[GUIDE, "plane"] = cancelled
+        user.find(kind=ui.button, content="Analyse").click()
+        await come(lambda: state.errors)
 
     simulated(tmp_path, look)
 

@@ -120,8 +120,10 @@ class ModelsPanel:
             for error in self._builder.errors.values():
                 raise error
             options = fitting_options(model, self._state.options)
-            result = self._state.result(variant, model)
             fields = self._fields(variant, model) if self._state.fields else None
+            # a job that was cancelled just now does not keep the next from being started
+            self._state.collect()
+            result = self._state.result(variant, model)
             if key in self._state.jobs or (
                 result and result.options == options and (fields is None or result.fields == fields)
             ):
